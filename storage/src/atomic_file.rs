@@ -1,0 +1,158 @@
+//! A file that appears under its name whole, or not at all (invariant 8 of the design).
+//!
+//! It is written under a temporary name beside its target, flushed to the device, and renamed. Dropped before
+//! [`AtomicFile::commit`], it removes the temporary file and leaves whatever the target was. Appends are gathered in
+//! a buffer of 64 KiB.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::disk::{Disk, StorageError, WriteFile};
+
+const BUFFER_BYTES: usize = 64 * 1024;
+
+/// A file on its way to its name.
+#[derive(Debug)]
+pub struct AtomicFile {
+    disk: Arc<dyn Disk>,
+    target: PathBuf,
+    temporary: PathBuf,
+    file: Option<Box<dyn WriteFile>>,
+    buffer: Vec<u8>,
+    length: u64,
+}
+
+impl AtomicFile {
+    /// Begins a file that will be called `target`. Whether an existing `target` may be replaced is the caller's
+    /// question; here it simply is, at the commit.
+    pub fn create(disk: Arc<dyn Disk>, target: &Path) -> Result<Self, StorageError> {
+        let name = target.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let temporary = target.with_file_name(format!(".{name}.{}.tmp", std::process::id()));
+        if disk.exists(&temporary) {
+            // Left by a killed process that had our number: nobody else's.
+            disk.remove(&temporary)?;
+        }
+        let file = disk.create_new(&temporary).map_err(|error| match error {
+            // The user asked for the target; the temporary name would only puzzle.
+            StorageError::Io { operation, source, .. } => StorageError::io(target, operation, source),
+            other => other,
+        })?;
+        Ok(AtomicFile {
+            disk,
+            target: target.to_path_buf(),
+            temporary,
+            file: Some(file),
+            buffer: Vec::with_capacity(BUFFER_BYTES),
+            length: 0,
+        })
+    }
+
+    /// Bytes appended so far.
+    pub fn length(&self) -> u64 {
+        self.length
+    }
+
+    /// Appends all of `bytes`.
+    pub fn append(&mut self, bytes: &[u8]) -> Result<(), StorageError> {
+        self.length += bytes.len() as u64;
+        if self.buffer.len() + bytes.len() > BUFFER_BYTES {
+            self.flush()?;
+        }
+        if bytes.len() >= BUFFER_BYTES {
+            return self.with_file(|file| file.append(bytes));
+        }
+        self.buffer.extend_from_slice(bytes);
+        Ok(())
+    }
+
+    /// Overwrites bytes that were appended before.
+    pub fn write_at(&mut self, offset: u64, bytes: &[u8]) -> Result<(), StorageError> {
+        self.flush()?;
+        self.with_file(|file| file.write_at(offset, bytes))
+    }
+
+    /// Flushes everything to the device and gives the file its name.
+    pub fn commit(mut self) -> Result<(), StorageError> {
+        self.flush()?;
+        self.with_file(|file| file.sync())?;
+        // Closed before it is renamed: some systems insist.
+        self.file = None;
+        let renamed = self.disk.rename(&self.temporary, &self.target);
+        if renamed.is_err() {
+            let _ = self.disk.remove(&self.temporary);
+        }
+        renamed
+    }
+
+    fn flush(&mut self) -> Result<(), StorageError> {
+        if self.buffer.is_empty() {
+            return Ok(());
+        }
+        let buffer = std::mem::take(&mut self.buffer);
+        let result = self.with_file(|file| file.append(&buffer));
+        self.buffer = buffer;
+        self.buffer.clear();
+        result
+    }
+
+    fn with_file(
+        &mut self,
+        action: impl FnOnce(&mut dyn WriteFile) -> Result<(), StorageError>,
+    ) -> Result<(), StorageError> {
+        // `file` is only taken by `commit`, which consumes `self`.
+        let result = match &mut self.file {
+            Some(file) => action(file.as_mut()),
+            None => Ok(()),
+        };
+        result.map_err(|error| match error {
+            StorageError::Io { operation, source, .. } => StorageError::io(&self.target, operation, source),
+            other => other,
+        })
+    }
+}
+
+impl Drop for AtomicFile {
+    fn drop(&mut self) {
+        if self.file.take().is_some() {
+            // An error here has no one to go to; the next build finds the leftover by its name.
+            let _ = self.disk.remove(&self.temporary);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{FaultyDisk, MemoryDisk};
+
+    #[test]
+    fn nothing_is_seen_before_the_commit_and_nothing_is_left_without_it() {
+        let memory = MemoryDisk::new();
+        memory.insert("model", b"old".to_vec());
+        let disk: Arc<dyn Disk> = Arc::new(memory.clone());
+        let mut file = AtomicFile::create(disk.clone(), Path::new("model")).unwrap();
+        file.append(b"half a model").unwrap();
+        drop(file);
+        assert_eq!(memory.bytes("model").unwrap(), b"old");
+        assert_eq!(memory.paths().len(), 1);
+
+        let mut file = AtomicFile::create(disk, Path::new("model")).unwrap();
+        file.append(b"new").unwrap();
+        file.commit().unwrap();
+        assert_eq!(memory.bytes("model").unwrap(), b"new");
+        assert_eq!(memory.paths().len(), 1);
+    }
+
+    #[test]
+    fn a_full_disk_leaves_the_previous_file() {
+        let memory = MemoryDisk::new();
+        memory.insert("model", b"old".to_vec());
+        let disk = FaultyDisk::new(Arc::new(memory.clone()));
+        disk.full_after(100_000);
+        let mut file = AtomicFile::create(Arc::new(disk), Path::new("model")).unwrap();
+        let result = (0..4).try_for_each(|_| file.append(&[7; 50_000])).and_then(|()| file.commit());
+        assert!(result.unwrap_err().to_string().contains("cannot write"));
+        assert_eq!(memory.bytes("model").unwrap(), b"old");
+        assert_eq!(memory.paths().len(), 1);
+    }
+}

@@ -1,0 +1,264 @@
+//! The one door to the disk: [`Disk`], and the machine's own file system behind it, [`LocalDisk`].
+//!
+//! Reads are positioned (`read_at`), so that several threads can share one open file without a cursor; writes go
+//! front to back, with [`WriteFile::write_at`] for the rare header that is known only at the end. Every error names
+//! the file and what was being done to it.
+
+use std::fmt::Debug;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use thiserror::Error;
+
+/// A failed disk operation: which file, what was being done, and what the system said.
+#[derive(Debug, Error)]
+pub enum StorageError {
+    /// The system refused an operation on a file.
+    #[error("cannot {operation} {}: {source}", path.display())]
+    Io {
+        /// The file in question.
+        path: PathBuf,
+        /// What was being done, as a verb phrase: "open", "read 4096 bytes at offset 0 of".
+        operation: String,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The path names something that is not a plain file.
+    #[error("cannot open {}: it is a directory, not a file", path.display())]
+    Directory {
+        /// The path in question.
+        path: PathBuf,
+    },
+    /// A read reached past the end of the file.
+    #[error(
+        "{} is too short: it has {length} bytes, but {needed} bytes are needed from offset {offset} on; \
+         the file is truncated or altered",
+        path.display()
+    )]
+    TooShort {
+        /// The file in question.
+        path: PathBuf,
+        /// Its length in bytes.
+        length: u64,
+        /// Where the read began, in bytes from the start.
+        offset: u64,
+        /// How many bytes were asked for.
+        needed: u64,
+    },
+}
+
+impl StorageError {
+    /// An [`StorageError::Io`] for `operation` on `path`.
+    pub fn io(path: &Path, operation: impl Into<String>, source: io::Error) -> Self {
+        StorageError::Io { path: path.to_path_buf(), operation: operation.into(), source }
+    }
+}
+
+/// A file open for positioned reads. Shared freely between threads.
+pub trait ReadAt: Send + Sync + Debug {
+    /// The path under which the file was opened, for messages.
+    fn path(&self) -> &Path;
+
+    /// Length of the file in bytes, as it was when it was opened.
+    fn length(&self) -> u64;
+
+    /// Reads up to `buffer.len()` bytes at byte `offset`; fewer only at the end of the file (0 past it).
+    fn read_at(&self, offset: u64, buffer: &mut [u8]) -> Result<usize, StorageError>;
+
+    /// Fills `buffer` from byte `offset` on, or says how much of the file there is.
+    fn read_exact_at(&self, offset: u64, buffer: &mut [u8]) -> Result<(), StorageError> {
+        let mut done = 0;
+        while done < buffer.len() {
+            let count = self.read_at(offset + done as u64, &mut buffer[done..])?;
+            if count == 0 {
+                return Err(StorageError::TooShort {
+                    path: self.path().to_path_buf(),
+                    length: self.length(),
+                    offset,
+                    needed: buffer.len() as u64,
+                });
+            }
+            done += count;
+        }
+        Ok(())
+    }
+}
+
+/// A new file being written front to back.
+pub trait WriteFile: Send + Debug {
+    /// Appends all of `bytes`.
+    fn append(&mut self, bytes: &[u8]) -> Result<(), StorageError>;
+
+    /// Overwrites `bytes.len()` bytes at byte `offset`, which must lie inside what was appended so far.
+    fn write_at(&mut self, offset: u64, bytes: &[u8]) -> Result<(), StorageError>;
+
+    /// Waits until everything written has reached the device.
+    fn sync(&mut self) -> Result<(), StorageError>;
+}
+
+/// A file system. The libraries hold it as `&dyn Disk` or `Arc<dyn Disk>` and touch no file in any other way.
+pub trait Disk: Send + Sync + Debug {
+    /// Opens an existing file for reading.
+    fn open(&self, path: &Path) -> Result<Arc<dyn ReadAt>, StorageError>;
+
+    /// Creates a file that must not exist yet.
+    fn create_new(&self, path: &Path) -> Result<Box<dyn WriteFile>, StorageError>;
+
+    /// Gives `from` the name `to`, replacing what was there, in one step.
+    fn rename(&self, from: &Path, to: &Path) -> Result<(), StorageError>;
+
+    /// Deletes a file.
+    fn remove(&self, path: &Path) -> Result<(), StorageError>;
+
+    /// Whether anything exists under this name.
+    fn exists(&self, path: &Path) -> bool;
+}
+
+/// The machine's own file system.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct LocalDisk;
+
+#[derive(Debug)]
+struct LocalFile {
+    file: fs::File,
+    path: PathBuf,
+    length: u64,
+}
+
+impl ReadAt for LocalFile {
+    fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn length(&self) -> u64 {
+        self.length
+    }
+
+    fn read_at(&self, offset: u64, buffer: &mut [u8]) -> Result<usize, StorageError> {
+        loop {
+            match positioned_read(&self.file, offset, buffer) {
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+                Err(error) => {
+                    let operation = format!("read {} bytes at offset {offset} of", buffer.len());
+                    return Err(StorageError::io(&self.path, operation, error));
+                }
+                Ok(count) => return Ok(count),
+            }
+        }
+    }
+}
+
+#[cfg(unix)]
+fn positioned_read(file: &fs::File, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
+    std::os::unix::fs::FileExt::read_at(file, buffer, offset)
+}
+
+#[cfg(windows)]
+fn positioned_read(file: &fs::File, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
+    std::os::windows::fs::FileExt::seek_read(file, buffer, offset)
+}
+
+#[derive(Debug)]
+struct LocalWriteFile {
+    file: fs::File,
+    path: PathBuf,
+    length: u64,
+}
+
+impl WriteFile for LocalWriteFile {
+    fn append(&mut self, bytes: &[u8]) -> Result<(), StorageError> {
+        use io::Write;
+        self.file.write_all(bytes).map_err(|error| {
+            let operation = format!("write {} bytes at offset {} of", bytes.len(), self.length);
+            StorageError::io(&self.path, operation, error)
+        })?;
+        self.length += bytes.len() as u64;
+        Ok(())
+    }
+
+    fn write_at(&mut self, offset: u64, bytes: &[u8]) -> Result<(), StorageError> {
+        use io::{Seek, SeekFrom, Write};
+        let mut overwrite = || {
+            self.file.seek(SeekFrom::Start(offset))?;
+            self.file.write_all(bytes)?;
+            self.file.seek(SeekFrom::Start(self.length)).map(|_| ())
+        };
+        overwrite().map_err(|error| {
+            let operation = format!("write {} bytes at offset {offset} of", bytes.len());
+            StorageError::io(&self.path, operation, error)
+        })
+    }
+
+    fn sync(&mut self) -> Result<(), StorageError> {
+        self.file.sync_all().map_err(|error| StorageError::io(&self.path, "flush", error))
+    }
+}
+
+impl Disk for LocalDisk {
+    fn open(&self, path: &Path) -> Result<Arc<dyn ReadAt>, StorageError> {
+        let fail = |error| StorageError::io(path, "open", error);
+        let file = fs::File::open(path).map_err(fail)?;
+        let metadata = file.metadata().map_err(fail)?;
+        if metadata.is_dir() {
+            return Err(StorageError::Directory { path: path.to_path_buf() });
+        }
+        Ok(Arc::new(LocalFile { file, path: path.to_path_buf(), length: metadata.len() }))
+    }
+
+    fn create_new(&self, path: &Path) -> Result<Box<dyn WriteFile>, StorageError> {
+        let file = fs::File::create_new(path).map_err(|error| StorageError::io(path, "create", error))?;
+        Ok(Box::new(LocalWriteFile { file, path: path.to_path_buf(), length: 0 }))
+    }
+
+    fn rename(&self, from: &Path, to: &Path) -> Result<(), StorageError> {
+        fs::rename(from, to).map_err(|error| {
+            let operation = format!("rename {} to", from.display());
+            StorageError::io(to, operation, error)
+        })
+    }
+
+    fn remove(&self, path: &Path) -> Result<(), StorageError> {
+        fs::remove_file(path).map_err(|error| StorageError::io(path, "remove", error))
+    }
+
+    fn exists(&self, path: &Path) -> bool {
+        path.symlink_metadata().is_ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_read_past_the_end_says_how_much_there_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("short");
+        fs::write(&path, b"abc").unwrap();
+        let file = LocalDisk.open(&path).unwrap();
+        let mut buffer = [0; 4];
+        let message = file.read_exact_at(1, &mut buffer).unwrap_err().to_string();
+        assert!(message.contains("has 3 bytes") && message.contains("4 bytes are needed from offset 1"), "{message}");
+    }
+
+    #[test]
+    fn a_directory_is_not_a_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let message = LocalDisk.open(folder.path()).unwrap_err().to_string();
+        assert!(message.contains("is a directory"), "{message}");
+    }
+
+    #[test]
+    fn an_overwritten_header_leaves_the_end_where_it_was() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        let mut file = LocalDisk.create_new(&path).unwrap();
+        file.append(b"....body").unwrap();
+        file.write_at(0, b"head").unwrap();
+        file.append(b"tail").unwrap();
+        drop(file);
+        assert_eq!(fs::read(&path).unwrap(), b"headbodytail");
+    }
+}

@@ -1,0 +1,1 @@
+//! Test meshes of any size.

@@ -1,0 +1,132 @@
+//! The gate in front of every format reader: [`read_mesh`] finds the format, and judges all formats alike.
+//!
+//! Constant memory: a face may name a vertex that is still to come, so the largest vertex number seen and the face
+//! that named it are remembered, and judged at the end of the file.
+
+use std::path::Path;
+
+use storage::Disk;
+
+use super::{Face, MeshError, MeshFormat, MeshSink, ReadSummary, TriangleSink, Vertex, reader_of};
+
+/// Reads the mesh file `path` of any known format, and pushes its vertices and triangles into `sink` in file order.
+///
+/// The format is told by the file's first bytes; where they do not decide (OBJ, STL), by the file's extension.
+///
+/// # Errors
+///
+/// The disk's, the format's, those of [`MeshError::NotFinite`] and [`MeshError::CornerOutOfRange`], and whatever the
+/// sink refuses. What was pushed before an error is to be thrown away.
+pub fn read_mesh(disk: &dyn Disk, path: &Path, sink: &mut dyn TriangleSink) -> Result<ReadSummary, MeshError> {
+    let format = detect_format(disk, path)?;
+    let summary =
+        ReadSummary { format, vertices: 0, faces: 0, triangles: 0, polygons: 0, degenerate_faces: 0 };
+    let mut gate = Gate { path, sink, summary, highest: None };
+    reader_of(format)(disk, path, &mut gate)?;
+    gate.finish()
+}
+
+/// Tells the format of a file by its first bytes, and where they do not decide by its extension.
+pub fn detect_format(disk: &dyn Disk, path: &Path) -> Result<MeshFormat, MeshError> {
+    let file = disk.open(path)?;
+    let mut start = [0; 512];
+    let count = file.read_at(0, &mut start)?;
+    let start = &start[..count];
+    if start.is_empty() {
+        return Err(MeshError::Empty { path: path.to_path_buf() });
+    }
+    let extension = path.extension().map(|text| text.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    let text = start.trim_ascii_start();
+    let off_header = ["OFF", "COFF", "NOFF", "STOFF", "CNOFF", "STCNOFF"];
+    let first_word = text.split(|byte| byte.is_ascii_whitespace()).next().unwrap_or_default();
+    if first_word == b"ply" {
+        Ok(MeshFormat::Ply)
+    } else if start.starts_with(b"glTF") || (text.starts_with(b"{") && extension == "gltf") {
+        Ok(MeshFormat::Gltf)
+    } else if off_header.iter().any(|word| first_word == word.as_bytes()) {
+        Ok(MeshFormat::Off)
+    } else {
+        match extension.as_str() {
+            "obj" => Ok(MeshFormat::Obj),
+            "stl" => Ok(MeshFormat::Stl),
+            // These begin with their magic, or they are something else under a wrong name.
+            _ => Err(MeshError::UnknownFormat { path: path.to_path_buf() }),
+        }
+    }
+}
+
+/// The largest vertex number named so far, and by whom.
+#[derive(Debug, Clone, Copy)]
+struct HighestCorner {
+    index: i64,
+    face: u64,
+    corner: usize,
+}
+
+struct Gate<'a> {
+    path: &'a Path,
+    sink: &'a mut dyn TriangleSink,
+    summary: ReadSummary,
+    highest: Option<HighestCorner>,
+}
+
+impl Gate<'_> {
+    fn out_of_range(&self, bad: HighestCorner) -> MeshError {
+        MeshError::CornerOutOfRange {
+            path: self.path.to_path_buf(),
+            face: bad.face,
+            corner: bad.corner,
+            index: bad.index,
+            vertices: self.summary.vertices,
+        }
+    }
+
+    fn finish(self) -> Result<ReadSummary, MeshError> {
+        match self.highest {
+            Some(highest) if highest.index.unsigned_abs() >= self.summary.vertices => Err(self.out_of_range(highest)),
+            _ => Ok(self.summary),
+        }
+    }
+}
+
+impl MeshSink for Gate<'_> {
+    fn announce(&mut self, vertices: u64, faces: u64) -> Result<(), MeshError> {
+        self.sink.announce(vertices, faces)
+    }
+
+    fn vertex(&mut self, vertex: Vertex) -> Result<(), MeshError> {
+        for (axis, value) in ['x', 'y', 'z'].into_iter().zip(vertex.position) {
+            if !value.is_finite() {
+                let (path, index) = (self.path.to_path_buf(), self.summary.vertices);
+                return Err(MeshError::NotFinite { path, index, axis, value });
+            }
+        }
+        self.summary.vertices += 1;
+        self.sink.vertex(vertex.position)
+    }
+
+    fn face(&mut self, face: Face<'_>) -> Result<(), MeshError> {
+        let number = self.summary.faces;
+        for (corner, &index) in face.corners.iter().enumerate() {
+            let named = HighestCorner { index, face: number, corner };
+            if index < 0 {
+                return Err(self.out_of_range(named));
+            }
+            if self.highest.is_none_or(|highest| highest.index < index) {
+                self.highest = Some(named);
+            }
+        }
+        self.summary.faces += 1;
+        match face.corners {
+            [first, rest @ ..] if rest.len() >= 2 => {
+                self.summary.polygons += u64::from(rest.len() > 2);
+                for pair in rest.windows(2) {
+                    self.summary.triangles += 1;
+                    self.sink.triangle([first, &pair[0], &pair[1]].map(|index| index.unsigned_abs()))?;
+                }
+            }
+            _ => self.summary.degenerate_faces += 1,
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,242 @@
+//! Mesh files, read and written as streams: the whole mesh is never in RAM here.
+//!
+//! A format reader knows its file format and nothing else: it pushes what it finds, in file order, into a
+//! [`MeshSink`]. [`read_mesh`] puts one common gate in front of the caller's [`TriangleSink`], so that every format
+//! is judged alike: coordinates must be finite, face corners must name vertices that exist, polygons are cut into
+//! fans, faces with fewer than three corners are counted.
+//!
+//! Memory: one read buffer, plus what a format needs to find its way (a PLY header, a glTF document).
+
+mod gate;
+pub mod gltf;
+pub mod obj;
+pub mod off;
+pub mod ply;
+pub mod ply_writer;
+pub mod stl;
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use storage::{Disk, StorageError};
+use thiserror::Error;
+
+pub use gate::read_mesh;
+
+/// A vertex as a format reader finds it. Attributes will join the position here.
+#[derive(Debug, Clone, Copy)]
+#[non_exhaustive]
+pub struct Vertex {
+    /// Position in the file's own coordinates and units. Not yet checked to be finite.
+    pub position: [f64; 3],
+}
+
+impl Vertex {
+    /// A vertex with a position and nothing else.
+    pub fn at(position: [f64; 3]) -> Self {
+        Vertex { position }
+    }
+}
+
+/// A face as a format reader finds it: a polygon of any number of corners. Attributes will join the corners here.
+#[derive(Debug, Clone, Copy)]
+#[non_exhaustive]
+pub struct Face<'a> {
+    /// Vertex numbers, counted from 0 in the order in which the vertices were pushed. Not yet checked.
+    pub corners: &'a [i64],
+}
+
+impl<'a> Face<'a> {
+    /// A face with corners and nothing else.
+    pub fn new(corners: &'a [i64]) -> Self {
+        Face { corners }
+    }
+}
+
+/// Where a format reader pushes what it finds.
+///
+/// Faces may come before the vertices that they name. Element numbers for messages are counted by the sink.
+pub trait MeshSink {
+    /// What the file's header promises, where it has one: vertices and faces. Called at most once, before the rest.
+    fn announce(&mut self, vertices: u64, faces: u64) -> Result<(), MeshError>;
+
+    /// The next vertex of the file.
+    fn vertex(&mut self, vertex: Vertex) -> Result<(), MeshError>;
+
+    /// The next face of the file.
+    fn face(&mut self, face: Face<'_>) -> Result<(), MeshError>;
+}
+
+/// Where [`read_mesh`] puts what passed its checks.
+pub trait TriangleSink {
+    /// What the file's header promises, where it has one: at most this many vertices and at least this many faces.
+    /// A sink that already knows that it cannot hold them may refuse here.
+    fn announce(&mut self, vertices: u64, faces: u64) -> Result<(), MeshError> {
+        let _ = (vertices, faces);
+        Ok(())
+    }
+
+    /// The next vertex: finite coordinates in the file's own units.
+    fn vertex(&mut self, position: [f64; 3]) -> Result<(), MeshError>;
+
+    /// The next triangle: three vertex numbers, each of a vertex that came before or will still come, in the file's
+    /// orientation. Two or three of them may be equal.
+    fn triangle(&mut self, corners: [u64; 3]) -> Result<(), MeshError>;
+}
+
+/// The mesh formats that can be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MeshFormat {
+    /// Stanford PLY: ASCII, binary little endian, binary big endian.
+    Ply,
+    /// Wavefront OBJ.
+    Obj,
+    /// STL, ASCII or binary: a soup of triangles.
+    Stl,
+    /// Object File Format.
+    Off,
+    /// glTF 2.0, as `.gltf` with its buffers beside or inside it, or as binary `.glb`.
+    Gltf,
+}
+
+impl fmt::Display for MeshFormat {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str(match self {
+            MeshFormat::Ply => "PLY",
+            MeshFormat::Obj => "OBJ",
+            MeshFormat::Stl => "STL",
+            MeshFormat::Off => "OFF",
+            MeshFormat::Gltf => "glTF",
+        })
+    }
+}
+
+/// What a file held, counted while it was read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ReadSummary {
+    /// The format that the file turned out to be in.
+    pub format: MeshFormat,
+    /// Vertices in the file (STL: three for each facet).
+    pub vertices: u64,
+    /// Faces in the file, of any number of corners.
+    pub faces: u64,
+    /// Triangles handed on, after polygons were cut.
+    pub triangles: u64,
+    /// Faces of more than three corners, cut into fans from their first corner.
+    pub polygons: u64,
+    /// Faces of fewer than three corners: they have no area and were left out.
+    pub degenerate_faces: u64,
+}
+
+/// What is wrong with a mesh file, or with reading it. Each message names the file, the element and its index.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum MeshError {
+    /// The disk failed.
+    #[error(transparent)]
+    Storage(#[from] StorageError),
+    /// The file is in none of the formats known here.
+    #[error(
+        "{}: not a mesh in a known format; known are PLY, OBJ, STL, OFF and glTF (.gltf, .glb)",
+        path.display()
+    )]
+    UnknownFormat {
+        /// The file in question.
+        path: PathBuf,
+    },
+    /// The file holds nothing at all.
+    #[error("{}: the file is empty", path.display())]
+    Empty {
+        /// The file in question.
+        path: PathBuf,
+    },
+    /// The file breaks the rules of its format.
+    #[error("{}: {place}: {problem}", path.display())]
+    Malformed {
+        /// The file in question.
+        path: PathBuf,
+        /// Where: "line 12", "vertex 40000", "header", "face 7, corner 2", with "byte 1234" where that helps.
+        place: String,
+        /// What is wrong there, and where it helps what was expected.
+        problem: String,
+    },
+    /// A coordinate is NaN or infinite.
+    #[error("{}: vertex {index}: coordinate {axis} is {value}, not a finite number", path.display())]
+    NotFinite {
+        /// The file in question.
+        path: PathBuf,
+        /// The vertex, counted from 0.
+        index: u64,
+        /// `x`, `y` or `z`.
+        axis: char,
+        /// The value found.
+        value: f64,
+    },
+    /// A face names a vertex that does not exist.
+    #[error(
+        "{}: face {face}: corner {corner} names vertex {index}, but the file has {vertices} vertices (numbered from 0)",
+        path.display()
+    )]
+    CornerOutOfRange {
+        /// The file in question.
+        path: PathBuf,
+        /// The face, counted from 0.
+        face: u64,
+        /// The corner, counted from 0.
+        corner: usize,
+        /// The vertex number found.
+        index: i64,
+        /// How many vertices there are.
+        vertices: u64,
+    },
+    /// The file needs a feature of its format that is not supported.
+    #[error("{}: {feature} is not supported; {advice}", path.display())]
+    Unsupported {
+        /// The file in question.
+        path: PathBuf,
+        /// What the file uses.
+        feature: String,
+        /// What can be done about it.
+        advice: String,
+    },
+    /// The mesh does not fit in the memory that the caller allows.
+    #[error(
+        "{}: {vertices} vertices and {triangles} triangles need {needed} of memory to build in core, \
+         and the limit is {limit}; run again with --memory {advice}",
+        path.display()
+    )]
+    OverMemory {
+        /// The file in question.
+        path: PathBuf,
+        /// Vertices in the file.
+        vertices: u64,
+        /// Triangles in the file.
+        triangles: u64,
+        /// What the build would need.
+        needed: storage::ByteSize,
+        /// What it is allowed.
+        limit: storage::ByteSize,
+        /// The smallest limit that works, as it is written on the command line.
+        advice: String,
+    },
+}
+
+impl MeshError {
+    /// A [`MeshError::Malformed`] at `place` of `path`.
+    pub fn malformed(path: &Path, place: impl Into<String>, problem: impl Into<String>) -> Self {
+        MeshError::Malformed { path: path.to_path_buf(), place: place.into(), problem: problem.into() }
+    }
+}
+
+/// A format reader: pushes the whole of `path` into `sink`.
+type Reader = fn(&dyn Disk, &Path, &mut dyn MeshSink) -> Result<(), MeshError>;
+
+fn reader_of(format: MeshFormat) -> Reader {
+    match format {
+        MeshFormat::Ply => ply::read,
+        MeshFormat::Obj => obj::read,
+        MeshFormat::Stl => stl::read,
+        MeshFormat::Off => off::read,
+        MeshFormat::Gltf => gltf::read,
+    }
+}
