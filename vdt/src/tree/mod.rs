@@ -1,0 +1,16 @@
+//! The finished view-dependence tree (VDT): what the build hands to the blocking.
+//!
+//! Leaves are the vertices of the mesh, numbered in depth-first order of the forest, the kept child first. So
+//!
+//! - the leaves under a node are one interval `start..end`, and "is an ancestor of" is two comparisons;
+//! - a node stands where the first leaf of its interval stands (half-edge collapses keep the position of one child,
+//!   the paper, 3.2), so only leaves have positions;
+//! - every inner node splits its interval at one leaf, the *born* leaf `m`: the kept child has `start..m`, the born
+//!   child `m..end`. Each leaf is born by exactly one split, but for the first leaf of each tree. So the splits are
+//!   stored by their born leaf, and a split needs no other name.
+//!
+//! Memory: 28 bytes per split, 12 per position, 12 per triangle, 4 per leaf for the triangle offsets.
+
+mod record;
+
+pub use record::{BornTriangles, NO_SPLIT, NormalCone, Root, Split, Tree};

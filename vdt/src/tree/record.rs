@@ -1,0 +1,115 @@
+//! The records of a view-dependence tree: plain data, no behaviour beyond looking things up.
+
+/// Stands for "no split": the child is a leaf.
+pub const NO_SPLIT: u32 = u32::MAX;
+
+/// A cone of directions that holds every surface normal under a node; nested: a parent's cone holds its children's.
+///
+/// The axis is a vector of three signed bytes, not of unit length. `sine` is the sine of the cone's half-angle in
+/// steps of 1/254, rounded up; 255 says that the cone reaches 90 degrees or more, or that the part of the surface has
+/// no inside, so that nothing under the node may ever be taken for back-facing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct NormalCone {
+    /// Direction of the axis, outward, in steps of 1/127.
+    pub axis: [i8; 3],
+    /// Sine of the half-angle, times 254, rounded up; 255: no bound.
+    pub sine: u8,
+}
+
+impl NormalCone {
+    /// The cone of all directions: never back-facing.
+    pub const EVERYTHING: NormalCone = NormalCone { axis: [0; 3], sine: u8::MAX };
+
+    /// The four bytes of the cone as one little-endian word: axis x, y, z, sine.
+    pub fn to_word(self) -> u32 {
+        let [x, y, z] = self.axis.map(|component| component.to_le_bytes()[0]);
+        u32::from_le_bytes([x, y, z, self.sine])
+    }
+
+    /// The inverse of [`NormalCone::to_word`].
+    pub fn from_word(word: u32) -> Self {
+        let [x, y, z, sine] = word.to_le_bytes();
+        NormalCone { axis: [x, y, z].map(|byte| i8::from_le_bytes([byte])), sine }
+    }
+}
+
+/// An inner node of the tree, as the split that refines it. Stored by the born leaf.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Split {
+    /// The split of the kept child (by its born leaf), or [`NO_SPLIT`] where that child is a leaf.
+    pub kept: u32,
+    /// The split of the born child, or [`NO_SPLIT`].
+    pub born: u32,
+    /// Dependency id of the node: leaves have 0..n, inner nodes n + their rank by (switch value, build order), so
+    /// ids rise from child to parent and respect all neighbouring collapses (the paper, 3.3.5). Unique.
+    pub id: u32,
+    /// Switch value: the error, in mesh units, of drawing the node unsplit. Positive; never falls from child to parent.
+    pub switch: f32,
+    /// Radius of a sphere about the node's position that holds all leaf positions under it, in mesh units. Nested:
+    /// the sphere also holds the children's spheres.
+    pub radius: f32,
+    /// Holds all surface normals under the node.
+    pub cone: NormalCone,
+}
+
+impl Split {
+    /// What stands in the places that no split has: those of the first leaf of each tree.
+    pub const VACANT: Split = Split {
+        kept: NO_SPLIT,
+        born: NO_SPLIT,
+        id: u32::MAX,
+        switch: 0.0,
+        radius: 0.0,
+        cone: NormalCone::EVERYTHING,
+    };
+}
+
+/// A tree of the forest: one for each connected component of the mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Root {
+    /// First leaf of the tree's interval; also where the root stands.
+    pub start: u32,
+    /// One past the last leaf.
+    pub end: u32,
+    /// The root's split, by its born leaf. Every component has at least one triangle, so every root splits.
+    pub split: u32,
+}
+
+/// The triangles of the mesh, each with the split at which it is born: the deepest node that holds two of its corners.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct BornTriangles {
+    /// `offsets[m]..offsets[m + 1]` are the triangles born by split `m`. One more entry than there are leaves.
+    pub offsets: Vec<u32>,
+    /// Corners as leaf numbers, in the mesh's orientation, rotated so that the first lies under the kept child. Of the
+    /// other two exactly one lies under the born child. The triangles of a split are sorted.
+    pub corners: Vec<[u32; 3]>,
+}
+
+impl BornTriangles {
+    /// The triangles born by the split with born leaf `split`.
+    pub fn of(&self, split: u32) -> &[[u32; 3]] {
+        &self.corners[self.offsets[split as usize] as usize..self.offsets[split as usize + 1] as usize]
+    }
+}
+
+/// A finished view-dependence tree (a forest: one tree for each connected component).
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Tree {
+    /// Position of each leaf, in mesh units, relative to `origin`.
+    pub positions: Vec<[f32; 3]>,
+    /// Splits by born leaf; [`Split::VACANT`] at the first leaf of each tree.
+    pub splits: Vec<Split>,
+    /// The trees, by ascending start; their intervals partition `0..positions.len()`.
+    pub roots: Vec<Root>,
+    /// Every triangle of the mesh, once.
+    pub triangles: BornTriangles,
+    /// What to add to a position to get back the coordinates of the input file.
+    pub origin: [f64; 3],
+}
+
+impl Tree {
+    /// Number of leaves, that is of vertices of the mesh.
+    pub fn leaf_count(&self) -> usize {
+        self.positions.len()
+    }
+}
