@@ -13,7 +13,7 @@
 //!     36      4  meta-nodes (pages)
 //!     40      4  root pages: meta-nodes without a parent
 //!     44      4  bytes of the largest page, decoded: what a place holder must hold
-//!     48      4  bytes of the largest page, encoded
+//!     48      4  bytes of the largest page, encoded: in this version 4 more (0 without pages)
 //!     52      4  levels of the meta-node tree
 //!     56     24  origin: three f64, to be added to every position
 //!     80     24  bounding box of the positions: minimum and maximum, three f32 each
@@ -53,6 +53,8 @@ pub const VERSION: u32 = 1;
 pub const HEADER_BYTES: usize = 256;
 /// Words of one root.
 pub const ROOT_WORDS: usize = 15;
+/// The largest page that may be, decoded, in bytes.
+pub const LARGEST_SLOT_BYTES: u32 = 1 << 30;
 /// Words of one root page.
 pub const ROOT_PAGE_WORDS: usize = 4;
 
@@ -142,7 +144,7 @@ pub enum Blocking {
     Forest {
         /// Decoded bytes of a page at most (unless a single split is larger).
         slot_bytes: u32,
-        /// Child pages of a page at most.
+        /// Child pages of a page at most (more only where splits with very many triangles leave no other way).
         fan_out: u32,
     },
     /// The paper's: each page a subtree of so many levels (3.2).
@@ -193,6 +195,13 @@ pub struct Header {
     pub pages_offset: u64,
     /// Length of the file in bytes.
     pub file_length: u64,
+}
+
+impl Default for Blocking {
+    /// Forest pages of 32 KiB with up to 8 child pages.
+    fn default() -> Self {
+        Blocking::Forest { slot_bytes: 32 * 1024, fan_out: 8 }
+    }
 }
 
 impl Header {
@@ -292,6 +301,10 @@ impl Header {
             file_length: long(148),
         };
         header.check().map_err(damaged)?;
+        // Everything that version 1 does not use is zero.
+        if header.to_bytes() != *bytes {
+            return Err(damaged("a field that must be 0 (or, at byte 16, 256) is not".into()));
+        }
         Ok(header)
     }
 
@@ -314,12 +327,19 @@ impl Header {
                 "{} leaves, {} splits and {} roots cannot be",
                 self.leaf_count, self.split_count, self.root_count
             ))
-        } else if self.root_page_count > self.page_count || self.page_count > self.split_count {
+        } else if self.root_page_count > self.page_count
+            || self.page_levels > self.page_count
+            || self.page_count > self.split_count
+            || [self.root_page_count, self.page_levels, self.page_count].contains(&0) != (self.split_count == 0)
+        {
             Err(format!(
-                "{} pages, {} of them roots, for {} splits",
-                self.page_count, self.root_page_count, self.split_count
+                "{} pages, {} of them roots, on {} levels, for {} splits",
+                self.page_count, self.root_page_count, self.page_levels, self.split_count
             ))
-        } else if u64::from(self.largest_page_bytes) > self.file_length || self.slot_bytes > 1 << 30 {
+        } else if u64::from(self.largest_page_bytes) > self.file_length
+            || self.slot_bytes > LARGEST_SLOT_BYTES
+            || self.largest_page_bytes != if self.page_count == 0 { 0 } else { self.slot_bytes + 4 }
+        {
             Err(format!("pages of {} bytes, {} decoded", self.largest_page_bytes, self.slot_bytes))
         } else {
             Ok(())
@@ -391,7 +411,9 @@ impl ModelRoot {
                 length: words[13],
             },
         };
-        let sound = root.start < root.end
+        // A root splits, so there are at least two leaves under it.
+        let sound = words[14] == 0
+            && root.end.saturating_sub(root.start) >= 2
             && root.position.iter().all(|value| value.is_finite())
             && root.switch > 0.0
             && root.switch.is_finite()

@@ -119,15 +119,16 @@ fn read_tables(file: &dyn ReadAt, header: &Header) -> Result<(Vec<ModelRoot>, Ve
     if next_leaf != header.leaf_count {
         return Err(damaged("root table".into(), "the roots do not hold all leaves"));
     }
-    let root_pages = page_words
-        .as_chunks::<ROOT_PAGE_WORDS>()
-        .0
-        .iter()
-        .map(|words| PageLocation {
-            number: words[0],
-            offset: u64::from(words[1]) | u64::from(words[2]) << 32,
-            length: words[3],
-        })
-        .collect();
+    let mut root_pages = Vec::with_capacity(header.root_page_count as usize);
+    let mut next_offset = header.pages_offset;
+    for (index, words) in page_words.as_chunks::<ROOT_PAGE_WORDS>().0.iter().enumerate() {
+        let offset = u64::from(words[1]) | u64::from(words[2]) << 32;
+        // Root pages come first in the file, one behind the other.
+        if words[0] as usize != index || offset != next_offset {
+            return Err(damaged(format!("root page {index}"), "it does not follow the one before"));
+        }
+        next_offset += u64::from(words[3]);
+        root_pages.push(PageLocation { number: words[0], offset, length: words[3] });
+    }
     Ok((roots, root_pages))
 }

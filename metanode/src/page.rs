@@ -6,8 +6,9 @@
 //!
 //! ```text
 //! words   what
-//! 10      header: number, parent, record count | child count << 16, root count | entry count << 16,
-//!         triangle count, first child number, first child offset (low, high), first leaf, end leaf
+//! 10      header: number, parent (0xffffffff: none), record count | child count << 16,
+//!         root count | entry count << 16, triangle count, first child number, first child offset (low, high)
+//!         (0, 0, 0: no children), first leaf, end leaf
 //! c       encoded length of each child page, in bytes; child i has number `first child + i` and lies behind child i-1
 //! 6 r     records: born leaf, x, y, z (f32), kept entry | born entry << 16 (0xffff: that child is a leaf),
 //!         index of the first born triangle (the next record's says where they end)
@@ -15,6 +16,10 @@
 //!         target record | target child page << 16 (0xffff: in this page)
 //! 3 t     born triangles: three leaf numbers
 //! ```
+//!
+//! Records stand in breadth-first order, those of the page's roots first, by ascending leaf; below a record the kept
+//! child comes before the born one. Entries stand in the order of their records, kept before born. So the n-th entry
+//! that leads into the same page leads to the n-th record behind the roots, and no reference can lead in a circle.
 //!
 //! So what decides whether a node is to be split (id, switch value, sphere, cone) stands with its *parent's* record:
 //! an active node can be judged without its own page, and a page is needed only when a split is really to be made.
@@ -145,6 +150,11 @@ pub struct PageCounts {
 }
 
 impl PageCounts {
+    /// Words that one record takes, with its child entries and born triangles.
+    pub fn record_words(entries: usize, triangles: usize) -> usize {
+        RECORD_WORDS + entries * ENTRY_WORDS + triangles * TRIANGLE_WORDS
+    }
+
     /// Words that a page with these counts takes decoded.
     pub fn words(&self) -> usize {
         self.triangles_start() + self.triangles * TRIANGLE_WORDS
@@ -176,6 +186,9 @@ pub struct Page {
     counts: PageCounts,
 }
 
+/// The header of a page that holds nothing.
+const EMPTY_HEADER: [u32; HEADER_WORDS] = [NONE_32, NONE_32, 0, 0, 0, 0, 0, 0, 0, 0];
+
 fn low(word: u32) -> u16 {
     (word & 0xffff) as u16
 }
@@ -192,20 +205,25 @@ impl Page {
     /// An empty page whose buffer holds `slot_bytes` and never grows. The memory is touched at once, so that it
     /// counts from the start.
     pub fn with_slot_bytes(slot_bytes: usize) -> Self {
-        let mut words = vec![1; slot_bytes.div_ceil(4)];
-        words.clear();
-        Page { words, slot_bytes, counts: PageCounts::default() }
+        let words = vec![1; slot_bytes.div_ceil(4).max(HEADER_WORDS)];
+        let mut page = Page { words, slot_bytes, counts: PageCounts::default() };
+        page.clear();
+        page
+    }
+
+    /// Makes the page one without records, whose number no page has.
+    fn clear(&mut self) {
+        self.words.clear();
+        self.words.extend(EMPTY_HEADER);
+        self.counts = PageCounts::default();
     }
 
     /// Takes the encoded bytes of the page at `location` apart, checks everything that can be checked without other
     /// pages, and leaves `self` empty where it fails. `leaf_count` is that of the model.
     pub fn decode(&mut self, bytes: &[u8], location: PageLocation, leaf_count: u32) -> Result<(), PageError> {
-        self.words.clear();
-        self.counts = PageCounts::default();
         let result = self.fill(bytes).and_then(|()| self.check(location, leaf_count));
         if result.is_err() {
-            self.words.clear();
-            self.counts = PageCounts::default();
+            self.clear();
         }
         result
     }
@@ -222,6 +240,7 @@ impl Page {
         if !rest.is_empty() || words.len() < HEADER_WORDS {
             return Err(PageError::Length { found: words.len(), expected: HEADER_WORDS });
         }
+        self.words.clear();
         self.words.extend(words.iter().map(|word| u32::from_le_bytes(*word)));
         self.counts = PageCounts {
             children: high(self.words[2]).into(),
@@ -236,58 +255,105 @@ impl Page {
         Ok(())
     }
 
+    /// Everything that one page can be asked without the others. What passes cannot send a traversal in circles: each
+    /// record that is not a root of the page is the target of exactly one entry, of a record before it; child pages
+    /// have greater numbers.
     fn check(&self, location: PageLocation, leaf_count: u32) -> Result<(), PageError> {
-        let field = |what, index, problem: String| Err(PageError::Field { what, index, problem });
-        if self.number() != location.number {
-            return field("header", 0, format!("this is page {}, not page {}", self.number(), location.number));
-        }
-        let PageCounts { records, entries, triangles, children } = self.counts;
-        if records == 0 || self.root_count() == 0 || self.root_count() > records {
-            return field("header", 3, format!("{} roots among {records} records", self.root_count()));
-        }
-        let (first_leaf, end_leaf) = self.leaf_interval();
-        if first_leaf >= end_leaf || end_leaf > leaf_count {
-            return field("header", 8, format!("leaves {first_leaf}..{end_leaf} of {leaf_count}"));
-        }
-        let mut triangles_before = 0;
-        for index in 0..records {
-            let start = self.records_start(index);
-            let born_leaf = self.words[start];
-            if born_leaf <= first_leaf || born_leaf >= end_leaf {
-                return field("record", index, format!("born leaf {born_leaf} outside {first_leaf}..{end_leaf}"));
-            }
-            if !self.words[start + 1..start + 4].iter().all(|word| f32::from_bits(*word).is_finite()) {
-                return field("record", index, "the position is not finite".into());
-            }
-            for entry in [low(self.words[start + 4]), high(self.words[start + 4])] {
-                if entry != NONE_16 && usize::from(entry) >= entries {
-                    return field("record", index, format!("entry {entry} of {entries}"));
-                }
-            }
-            let first_triangle = self.words[start + 5] as usize;
-            if first_triangle < triangles_before || first_triangle > triangles {
-                return field("record", index, format!("born triangles from {first_triangle} of {triangles}"));
-            }
-            triangles_before = first_triangle;
-        }
-        for index in 0..entries {
-            let start = self.counts.entries_start() + index * ENTRY_WORDS;
-            let (record, child) = (low(self.words[start + 4]), high(self.words[start + 4]));
-            if child == NONE_16 {
-                if usize::from(record) >= records {
-                    return field("entry", index, format!("record {record} of {records}"));
-                }
-            } else if usize::from(child) >= children {
-                return field("entry", index, format!("child page {child} of {children}"));
-            }
-            let (switch, radius) = (f32::from_bits(self.words[start + 1]), f32::from_bits(self.words[start + 2]));
-            if !(switch > 0.0 && switch.is_finite() && radius >= 0.0 && radius.is_finite()) {
-                return field("entry", index, format!("switch value {switch}, radius {radius}"));
-            }
+        self.check_header(location, leaf_count)?;
+        let next_record = self.check_records()?;
+        if next_record != self.counts.records {
+            let problem = format!("no entry refers to record {next_record} of {}", self.counts.records);
+            return Err(PageError::Field { what: "record", index: next_record, problem });
         }
         let corners = &self.words[self.counts.triangles_start()..];
         if let Some(wrong) = corners.iter().position(|leaf| *leaf >= leaf_count) {
-            return field("triangle", wrong / TRIANGLE_WORDS, format!("leaf {} of {leaf_count}", corners[wrong]));
+            let problem = format!("leaf {} of {leaf_count}", corners[wrong]);
+            return Err(PageError::Field { what: "triangle", index: wrong / TRIANGLE_WORDS, problem });
+        }
+        Ok(())
+    }
+
+    fn check_header(&self, location: PageLocation, leaf_count: u32) -> Result<(), PageError> {
+        let wrong = |index, problem: String| Err(PageError::Field { what: "header word", index, problem });
+        let PageCounts { records, children, .. } = self.counts;
+        let (number, first_child) = (self.number(), self.words[5]);
+        if number != location.number {
+            return wrong(0, format!("this is meta-node {number}, not {}", location.number));
+        }
+        if self.parent().is_some_and(|parent| parent >= number) {
+            return wrong(1, format!("the parent, {}, does not come before it", self.words[1]));
+        }
+        if records == 0 || self.root_count() == 0 || self.root_count() > records {
+            return wrong(3, format!("{} roots among {records} records", self.root_count()));
+        }
+        if children == 0 && self.words[5..8] != [0; 3] {
+            return wrong(5, format!("first child {first_child} of none"));
+        }
+        if children > 0 && (first_child <= number || first_child.checked_add(children as u32).is_none()) {
+            return wrong(5, format!("the first of {children} children is meta-node {first_child}"));
+        }
+        let (first_leaf, end_leaf) = self.leaf_interval();
+        if first_leaf >= end_leaf || end_leaf > leaf_count {
+            return wrong(8, format!("leaves {first_leaf}..{end_leaf} of {leaf_count}"));
+        }
+        Ok(())
+    }
+
+    /// Checks the records and their entries, and says how many records are roots or targets of entries.
+    fn check_records(&self) -> Result<usize, PageError> {
+        let PageCounts { records, entries, triangles, .. } = self.counts;
+        let (first_leaf, end_leaf) = self.leaf_interval();
+        let (mut next_entry, mut next_record, mut triangles_before) = (0, self.root_count(), 0);
+        for index in 0..records {
+            let wrong = |problem: String| Err(PageError::Field { what: "record", index, problem });
+            let start = self.records_start(index);
+            let born_leaf = self.words[start];
+            if born_leaf <= first_leaf || born_leaf >= end_leaf {
+                return wrong(format!("born leaf {born_leaf} outside {first_leaf}..{end_leaf}"));
+            }
+            if !self.words[start + 1..start + 4].iter().all(|word| f32::from_bits(*word).is_finite()) {
+                return wrong("the position is not finite".into());
+            }
+            for entry in [low(self.words[start + 4]), high(self.words[start + 4])] {
+                if entry == NONE_16 {
+                    continue;
+                }
+                if usize::from(entry) != next_entry || next_entry >= entries {
+                    return wrong(format!("entry {entry} where entry {next_entry} of {entries} is due"));
+                }
+                self.check_entry(next_entry, index, &mut next_record)?;
+                next_entry += 1;
+            }
+            let first_triangle = self.words[start + 5] as usize;
+            if first_triangle < triangles_before || first_triangle > triangles || (index == 0 && first_triangle != 0) {
+                return wrong(format!("born triangles from {first_triangle} of {triangles}"));
+            }
+            triangles_before = first_triangle;
+        }
+        if next_entry != entries {
+            let problem = format!("no record refers to it, nor to those behind it up to {entries}");
+            return Err(PageError::Field { what: "entry", index: next_entry, problem });
+        }
+        Ok(next_record)
+    }
+
+    /// Checks entry `index`, which belongs to record `owner`; `next_record` is the next record that has no entry yet.
+    fn check_entry(&self, index: usize, owner: usize, next_record: &mut usize) -> Result<(), PageError> {
+        let wrong = |problem: String| Err(PageError::Field { what: "entry", index, problem });
+        let start = self.counts.entries_start() + index * ENTRY_WORDS;
+        let (record, child) = (low(self.words[start + 4]), high(self.words[start + 4]));
+        if child != NONE_16 {
+            if usize::from(child) >= self.counts.children {
+                return wrong(format!("child page {child} of {}", self.counts.children));
+            }
+        } else if usize::from(record) != *next_record || *next_record <= owner || *next_record >= self.counts.records {
+            return wrong(format!("record {record} where {next_record} of {} is due", self.counts.records));
+        } else {
+            *next_record += 1;
+        }
+        let (switch, radius) = (f32::from_bits(self.words[start + 1]), f32::from_bits(self.words[start + 2]));
+        if !(switch > 0.0 && switch.is_finite() && radius >= 0.0 && radius.is_finite()) {
+            return wrong(format!("switch value {switch}, radius {radius}"));
         }
         Ok(())
     }
@@ -396,9 +462,9 @@ pub struct PageParts {
     pub root_count: u16,
     /// The leaves under the roots of the page, from the first to one past the last.
     pub leaf_interval: (u32, u32),
-    /// Number of the first child page.
+    /// Number of the first child page; 0 where there is none.
     pub first_child: u32,
-    /// Byte offset of the first child page in the file.
+    /// Byte offset of the first child page in the file; 0 where there is none.
     pub first_child_offset: u64,
     /// Encoded length of each child page, in bytes.
     pub child_lengths: Vec<u32>,
@@ -463,7 +529,8 @@ pub fn encoded(parts: &PageParts) -> Vec<u8> {
         words.extend([child.id, child.switch.to_bits(), child.radius.to_bits(), child.cone.to_word(), target]);
     }
     words.extend(parts.records.iter().flat_map(|(_, triangles)| triangles.as_flattened()));
-    let mut bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+    let mut bytes = Vec::with_capacity(encoded_length(counts));
+    words.iter().for_each(|word| bytes.extend_from_slice(&word.to_le_bytes()));
     let checksum = crc32fast::hash(&bytes);
     bytes.extend(checksum.to_le_bytes());
     bytes

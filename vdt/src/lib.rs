@@ -11,6 +11,10 @@
 //!
 //! "The paper" is El-Sana and Chiang, *External Memory View-Dependent Simplification* (2000).
 
+pub mod build;
 pub mod generate;
+pub mod ingest;
 pub mod mesh;
+pub mod simplify;
 pub mod tree;
+mod vector;

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use storage::Disk;
 
-use super::{Face, MeshError, MeshFormat, MeshSink, ReadSummary, TriangleSink, Vertex, reader_of};
+use super::{Face, MeshError, MeshFormat, MeshSink, ReadSummary, TriangleSink, Vertex, off, reader_of, stl, text};
 
 /// Reads the mesh file `path` of any known format, and pushes its vertices and triangles into `sink` in file order.
 ///
@@ -19,40 +19,58 @@ use super::{Face, MeshError, MeshFormat, MeshSink, ReadSummary, TriangleSink, Ve
 /// sink refuses. What was pushed before an error is to be thrown away.
 pub fn read_mesh(disk: &dyn Disk, path: &Path, sink: &mut dyn TriangleSink) -> Result<ReadSummary, MeshError> {
     let format = detect_format(disk, path)?;
-    let summary =
-        ReadSummary { format, vertices: 0, faces: 0, triangles: 0, polygons: 0, degenerate_faces: 0 };
+    let summary = ReadSummary { format, vertices: 0, faces: 0, triangles: 0, polygons: 0, degenerate_faces: 0 };
     let mut gate = Gate { path, sink, summary, highest: None };
     reader_of(format)(disk, path, &mut gate)?;
     gate.finish()
 }
 
 /// Tells the format of a file by its first bytes, and where they do not decide by its extension.
+///
+/// A byte order mark, and comments in front of the first word, are stepped over.
+///
+/// # Errors
+///
+/// The disk's, [`MeshError::Empty`], and [`MeshError::UnknownFormat`].
 pub fn detect_format(disk: &dyn Disk, path: &Path) -> Result<MeshFormat, MeshError> {
     let file = disk.open(path)?;
-    let mut start = [0; 512];
+    let mut start = [0; 4096];
     let count = file.read_at(0, &mut start)?;
     let start = &start[..count];
     if start.is_empty() {
         return Err(MeshError::Empty { path: path.to_path_buf() });
     }
     let extension = path.extension().map(|text| text.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-    let text = start.trim_ascii_start();
-    let off_header = ["OFF", "COFF", "NOFF", "STOFF", "CNOFF", "STCNOFF"];
-    let first_word = text.split(|byte| byte.is_ascii_whitespace()).next().unwrap_or_default();
-    if first_word == b"ply" {
+    // The header of a binary STL may say anything. Its size is no accident, and less so where the name agrees.
+    let binary_stl = stl::has_binary_size(file.as_ref())?;
+    if binary_stl && extension == "stl" {
+        return Ok(MeshFormat::Stl);
+    }
+    let word = first_word(start);
+    if word == b"ply" {
         Ok(MeshFormat::Ply)
-    } else if start.starts_with(b"glTF") || (text.starts_with(b"{") && extension == "gltf") {
+    } else if start.starts_with(b"glTF") || word.starts_with(b"{") {
         Ok(MeshFormat::Gltf)
-    } else if off_header.iter().any(|word| first_word == word.as_bytes()) {
+    } else if off::HeaderWord::parse(word).is_some() {
         Ok(MeshFormat::Off)
     } else {
         match extension.as_str() {
             "obj" => Ok(MeshFormat::Obj),
             "stl" => Ok(MeshFormat::Stl),
-            // These begin with their magic, or they are something else under a wrong name.
+            _ if binary_stl || stl::looks_like_text(file.as_ref())? => Ok(MeshFormat::Stl),
+            _ if [b"v".as_slice(), b"vt", b"vn", b"mtllib"].contains(&word) => Ok(MeshFormat::Obj),
+            // The others begin with their magic, or they are something else under a wrong name.
             _ => Err(MeshError::UnknownFormat { path: path.to_path_buf() }),
         }
     }
+}
+
+/// The first word of a text that is not part of a comment.
+fn first_word(start: &[u8]) -> &[u8] {
+    let text = start.strip_prefix(text::BYTE_ORDER_MARK).unwrap_or(start);
+    let lines = text.split(|&byte| byte == b'\n' || byte == b'\r').map(|line| line.trim_ascii_start());
+    let line = lines.into_iter().find(|line| !line.is_empty() && !line.starts_with(b"#")).unwrap_or_default();
+    line.split(|byte| byte.is_ascii_whitespace()).next().unwrap_or_default()
 }
 
 /// The largest vertex number named so far, and by whom.

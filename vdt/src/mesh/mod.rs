@@ -9,11 +9,16 @@
 
 mod gate;
 pub mod gltf;
+mod input;
 pub mod obj;
 pub mod off;
 pub mod ply;
 pub mod ply_writer;
+mod polygon;
 pub mod stl;
+#[cfg(test)]
+mod testing;
+mod text;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -218,6 +223,16 @@ pub enum MeshError {
         limit: storage::ByteSize,
         /// The smallest limit that works, as it is written on the command line.
         advice: String,
+    },
+    /// A mesh writer was handed something else than its header promises, or something that its format cannot hold.
+    #[error("{}: cannot write {element}: {problem}", path.display())]
+    Unwritable {
+        /// The file in question.
+        path: PathBuf,
+        /// What could not be written: "vertex 12", "triangle 0", "the header", "the end of the file".
+        element: String,
+        /// Why not.
+        problem: String,
     },
 }
 

@@ -1,13 +1,185 @@
-//! Reads stl files.
+//! Reads STL files, binary and ASCII: facets of three vertices each, with nothing shared between them.
+//!
+//! Which of the two a file is, its size tells: a binary file has 84 bytes and 50 for each facet that its header
+//! counts. The word "solid" does not tell, since there are binary files that begin with it. Normals and the two spare
+//! bytes of a binary facet are ignored. In ASCII files keywords may be in upper or lower case, and any number of
+//! solids may follow each other.
+//!
+//! Memory: one window of 256 KiB. Every byte is read once.
+//!
+//! Format: 3D Systems, "StereoLithography Interface Specification" (1989).
 
 use std::path::Path;
 
-use storage::Disk;
+use storage::{Disk, ReadAt, StorageError};
 
-use super::{MeshError, MeshSink};
+use super::input::Input;
+use super::text::{BYTE_ORDER_MARK, Scanner, Shown, Syntax, parse_real};
+use super::{Face, MeshError, MeshSink, Vertex};
+
+const HEADER_BYTES: usize = 84;
+const FACET_BYTES: usize = 50;
 
 /// Reads the whole of `path` into `sink`.
+///
+/// # Errors
+///
+/// The disk's, the sink's, and [`MeshError::Malformed`] where the file is neither, breaks the rules, or ends early.
 pub fn read(disk: &dyn Disk, path: &Path, sink: &mut dyn MeshSink) -> Result<(), MeshError> {
-    let _ = (disk, path, sink);
+    let file = disk.open(path)?;
+    if !has_binary_size(file.as_ref())? && looks_like_text(file.as_ref())? {
+        read_ascii(path, Scanner::open(disk, path, Syntax::default())?, sink)
+    } else {
+        read_binary(path, Input::open(disk, path)?, sink)
+    }
+}
+
+/// Whether the file is exactly as long as a binary STL with its number of facets.
+pub(super) fn has_binary_size(file: &dyn ReadAt) -> Result<bool, StorageError> {
+    if file.length() < HEADER_BYTES as u64 {
+        return Ok(false);
+    }
+    let mut count = [0; 4];
+    file.read_exact_at(HEADER_BYTES as u64 - 4, &mut count)?;
+    Ok(file.length() == HEADER_BYTES as u64 + u64::from(u32::from_le_bytes(count)) * FACET_BYTES as u64)
+}
+
+/// Whether the file begins like an ASCII STL, and goes on like a text: with no zero byte in its first lines.
+pub(super) fn looks_like_text(file: &dyn ReadAt) -> Result<bool, StorageError> {
+    let mut start = [0; 512];
+    let count = file.read_at(0, &mut start)?;
+    let start = &start[..count];
+    let text = start.strip_prefix(BYTE_ORDER_MARK).unwrap_or(start).trim_ascii_start();
+    let word = text.split(|byte| byte.is_ascii_whitespace()).next().unwrap_or_default();
+    Ok(word.eq_ignore_ascii_case(b"solid") && !text.contains(&0))
+}
+
+/// Pushes the three vertices of facet `facet`, and the face that they make.
+#[inline]
+fn push_facet(sink: &mut dyn MeshSink, facet: i64, positions: [[f64; 3]; 3]) -> Result<(), MeshError> {
+    for position in positions {
+        sink.vertex(Vertex::at(position))?;
+    }
+    let first = facet * 3;
+    sink.face(Face::new(&[first, first + 1, first + 2]))
+}
+
+#[inline]
+fn little_endian<const N: usize>(bytes: &[u8]) -> [u8; N] {
+    let mut array = [0; N];
+    array.copy_from_slice(&bytes[..N]);
+    array
+}
+
+fn read_binary(path: &Path, mut input: Input, sink: &mut dyn MeshSink) -> Result<(), MeshError> {
+    let header = input.peek(HEADER_BYTES)?;
+    if header.len() < HEADER_BYTES {
+        let problem = format!(
+            "{} bytes are too few for a binary STL, which has {HEADER_BYTES} before its first facet, \
+             and an ASCII STL begins with 'solid'",
+            header.len()
+        );
+        return Err(MeshError::malformed(path, "header", problem));
+    }
+    let facets = u32::from_le_bytes(little_endian(&header[HEADER_BYTES - 4..]));
+    input.consume(HEADER_BYTES);
+    sink.announce(u64::from(facets) * 3, facets.into())?;
+    for facet in 0..i64::from(facets) {
+        let bytes = input.peek(FACET_BYTES)?;
+        if bytes.len() < FACET_BYTES {
+            let problem = format!("the file ends here; the header promises {facets} facets");
+            return Err(MeshError::malformed(path, format!("facet {facet}"), problem));
+        }
+        // Behind the normal.
+        let coordinate = |number: usize| f64::from(f32::from_le_bytes(little_endian(&bytes[12 + 4 * number..])));
+        let positions = [0, 3, 6].map(|first| [coordinate(first), coordinate(first + 1), coordinate(first + 2)]);
+        input.consume(FACET_BYTES);
+        push_facet(sink, facet, positions)?;
+    }
+    let left = input.remaining();
+    if left >= FACET_BYTES as u64 {
+        let problem = format!("the header promises {facets} facets, but {left} bytes follow the last of them");
+        return Err(MeshError::malformed(path, "header", problem));
+    }
     Ok(())
+}
+
+/// An ASCII file, keyword by keyword.
+struct Ascii<'a> {
+    path: &'a Path,
+    scanner: Scanner,
+    facet: i64,
+}
+
+impl Ascii<'_> {
+    fn malformed(&self, problem: impl Into<String>) -> MeshError {
+        let place = format!("facet {}, line {}", self.facet, self.scanner.line());
+        MeshError::malformed(self.path, place, problem)
+    }
+
+    /// The next word, wherever it is, must be one of `keywords`; which of them it is.
+    fn keyword(&mut self, keywords: &[&str]) -> Result<usize, MeshError> {
+        let found = match self.scanner.word_on_any_line()? {
+            Some(word) => match keywords.iter().position(|keyword| word.eq_ignore_ascii_case(keyword.as_bytes())) {
+                Some(number) => return Ok(number),
+                None => format!("found {}", Shown(word)),
+            },
+            None => "the file ends here".to_string(),
+        };
+        let expected: Vec<String> = keywords.iter().map(|keyword| format!("'{keyword}'")).collect();
+        Err(self.malformed(format!("{found}, expected {}", expected.join(" or "))))
+    }
+
+    fn coordinate(&mut self) -> Result<f64, MeshError> {
+        let problem = match self.scanner.word_on_any_line()? {
+            Some(word) => match parse_real(word) {
+                Some(value) => return Ok(value),
+                None => format!("{} is not a number", Shown(word)),
+            },
+            None => "the file ends here, expected a number".to_string(),
+        };
+        Err(self.malformed(problem))
+    }
+
+    fn vertex(&mut self) -> Result<[f64; 3], MeshError> {
+        self.keyword(&["vertex"])?;
+        Ok([self.coordinate()?, self.coordinate()?, self.coordinate()?])
+    }
+
+    /// What follows the word `facet`. The normal is not looked at: files are found in which it is not even a number.
+    fn facet(&mut self) -> Result<[[f64; 3]; 3], MeshError> {
+        if self.keyword(&["normal", "outer"])? == 0 {
+            for _ in 0..3 {
+                if self.scanner.word_on_any_line()?.is_none() {
+                    return Err(self.malformed("the file ends here, expected a normal"));
+                }
+            }
+            self.keyword(&["outer"])?;
+        }
+        self.keyword(&["loop"])?;
+        let positions = [self.vertex()?, self.vertex()?, self.vertex()?];
+        self.keyword(&["endloop"])?;
+        self.keyword(&["endfacet"])?;
+        Ok(positions)
+    }
+}
+
+fn read_ascii(path: &Path, scanner: Scanner, sink: &mut dyn MeshSink) -> Result<(), MeshError> {
+    let mut ascii = Ascii { path, scanner, facet: 0 };
+    loop {
+        ascii.keyword(&["solid"])?;
+        // The rest of the line is the solid's name.
+        ascii.scanner.next_line()?;
+        while ascii.keyword(&["facet", "endsolid"])? == 0 {
+            let positions = ascii.facet()?;
+            push_facet(sink, ascii.facet, positions)?;
+            ascii.facet += 1;
+        }
+        ascii.scanner.next_line()?;
+        while ascii.scanner.at_line_end()? {
+            if !ascii.scanner.next_line()? {
+                return Ok(());
+            }
+        }
+    }
 }

@@ -11,6 +11,12 @@
 //!
 //! Memory: 28 bytes per split, 12 per position, 12 per triangle, 4 per leaf for the triangle offsets.
 
+mod bounding_spheres;
+mod check;
+mod finish;
+mod normal_cones;
 mod record;
 
+pub use check::{TreeError, check};
+pub use finish::finish;
 pub use record::{BornTriangles, NO_SPLIT, NormalCone, Root, Split, Tree};

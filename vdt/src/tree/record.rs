@@ -54,14 +54,8 @@ pub struct Split {
 
 impl Split {
     /// What stands in the places that no split has: those of the first leaf of each tree.
-    pub const VACANT: Split = Split {
-        kept: NO_SPLIT,
-        born: NO_SPLIT,
-        id: u32::MAX,
-        switch: 0.0,
-        radius: 0.0,
-        cone: NormalCone::EVERYTHING,
-    };
+    pub const VACANT: Split =
+        Split { kept: NO_SPLIT, born: NO_SPLIT, id: u32::MAX, switch: 0.0, radius: 0.0, cone: NormalCone::EVERYTHING };
 }
 
 /// A tree of the forest: one for each connected component of the mesh.

@@ -1,0 +1,58 @@
+//! Implicit dependency (the paper, 3.3.5): whether a split or a collapse is safe, told from the ids of the nodes around.
+//!
+//! The nodes were numbered in the order in which the collapses of the build made them: leaves first, then 0 to the last
+//! collapse. A node *lives*, in the construction, from its own collapse to its parent's: at the times from its id to
+//! just before its parent's id. The front keeps, for every active triangle, that the lives of its three corners overlap
+//! pairwise: `id(a) < id(parent(b))` for each two of them. Intervals that overlap pairwise have a time in common
+//! (Helly), and at that time the triangle was in the mesh, just as it is drawn. So nothing is ever drawn that the
+//! construction had not tested for fold-over.
+//!
+//! - A node may split if its id is greater than the ids of all its neighbours, and than those of the third corners of
+//!   the triangles that its split bears: they are then alive when the node's children are.
+//! - A node may be restored, its children collapsed, if its id is less than the ids of the parents of all nodes around
+//!   the children.
+//! - Where a third corner is not a neighbour of the node before the split (it is, but at some borders and knots), it may
+//!   lie so much deeper that it was gone before a child of the node came to be. That child has to split too, at once.
+//!
+//! A neighbour with a greater id has to be split first; else a region with a large error would wait for ever for a
+//! neighbour that is out of sight. Those forced splits form chains of rising ids, so they end.
+
+use crate::front::Front;
+
+/// How changes of the front depend on each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Dependency {
+    /// By the ids of the neighbours, as in the paper: every active triangle is one of the construction.
+    #[default]
+    Implicit,
+    /// Not at all: each node by its own error. Always a mesh of a cut, without cracks; but it may fold over.
+    None,
+}
+
+/// A neighbour of an active node that has to be split before it.
+pub fn blocking_neighbour(front: &Front, node: u32) -> Option<u32> {
+    let id = front.id(node);
+    front.star(node).flatten().find(|neighbour| front.id(*neighbour) > id)
+}
+
+/// A third corner of the triangles born by the split of `node`, which was just prepared, that has to be split before.
+pub fn blocking_third(front: &Front, node: u32) -> Option<u32> {
+    let id = front.id(node);
+    front.thirds().iter().copied().find(|third| front.id(*third) > id)
+}
+
+/// Of the children of the node that was just split those that came to be when a third corner was gone.
+pub fn late_children(front: &Front, node: u32) -> impl Iterator<Item = u32> {
+    let earliest = front.thirds().iter().map(|third| front.parent_id(*third)).min();
+    let children = front.children(node);
+    let ids = children.map(|child| front.id(child));
+    (0..2).filter(move |child| earliest.is_some_and(|earliest| ids[*child] >= earliest)).map(move |child| children[child])
+}
+
+/// Whether a node around its children keeps a collapsible node from being restored.
+pub fn collapse_is_blocked(front: &Front, node: u32) -> bool {
+    let id = front.id(node);
+    let children = front.children(node);
+    let mut around = children.into_iter().flat_map(|child| front.star(child)).flatten();
+    around.any(|neighbour| front.parent_id(neighbour) <= id && !children.contains(&neighbour))
+}

@@ -1,0 +1,410 @@
+//! The pool of place holders (the paper, 3.3.3): a fixed number of slots, allocated once, each with room for any page.
+//!
+//! A page in a slot is in the *physical main memory*: the hash table leads to it. Each slot has two counts: the *usage
+//! count*, how many splits of its page are applied, and the *reference count*, how many pages in use have it prefetched
+//! as their parent or child; and it may be *held*, for a node that asked for it urgently and has not used it yet. A slot
+//! with both counts zero and not held is in the *free list*, and is given to the next page that needs one. Its page
+//! stays in the hash table until then: when it is asked for again before, it gets a *second chance*, and is taken out
+//! of the free list without a disk read. Freed slots go to the end of the list, slots to be filled come from its front.
+//!
+//! Only the navigator changes usage counts. A change from or to zero is made under the pool's lock, as is every look at
+//! the hash table, the free list and the other counts; a change of a count that stays above zero needs no lock. No lock
+//! but that of the page being filled is held during a disk read, and nobody else looks at that page.
+//!
+//! # Never all in use
+//!
+//! The paper's rule of three: urgent prefetching for switching down only while at least three place holders are not in
+//! use, because switching down may bring two more into use (one for each child), so that one remains. Here a page is in
+//! use while one of its *splits* is applied, so:
+//!
+//! - A split brings at most one page into use: its own. It is refused while fewer than [`LEAST_FOR_SPLIT`] = 2 slots are
+//!   not in use, so at least one remains.
+//! - A collapse needs no page that is not there: the split that it undoes is applied, so its page is in use. Switching
+//!   up can always go on, and never has to wait for a disk.
+//! - A page is loaded urgently only while at least [`LEAST_FOR_URGENT`] = 3 slots are not in use: one that it goes to,
+//!   one that stays, and one more for a page that comes into use while it is being read. With fewer it could be read
+//!   for nothing.
+
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use hashbrown::HashMap;
+use metanode::page::Page;
+use parking_lot::{Mutex, MutexGuard, RwLock, RwLockReadGuard, RwLockWriteGuard};
+
+use crate::front::NONE;
+
+/// Slots that must not be in use for a split to bring one more page into use.
+pub const LEAST_FOR_SPLIT: usize = 2;
+/// Slots that must not be in use for a page to be loaded urgently.
+pub const LEAST_FOR_URGENT: usize = 3;
+
+/// Bytes that a slot takes beside its page: counts, its entry in the hash table (at the worst filling), the navigator's
+/// note of its page, and the board's.
+pub const SLOT_OVERHEAD_BYTES: usize =
+    size_of::<RwLock<Page>>() + size_of::<AtomicU32>() + size_of::<Slot>() + 9 * 16 / 7 + 2 * size_of::<u32>() + 1;
+
+/// How far a slot has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    /// There is no page in it.
+    Empty,
+    /// A page is being read into it.
+    Loading,
+    /// There is a page in it.
+    Ready,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Slot {
+    /// The page in it or on its way, [`NONE`] where it is empty.
+    page: u32,
+    stage: Stage,
+    references: u32,
+    held: bool,
+    /// Whether the page in it has been counted in the references of its parent and children.
+    refers: bool,
+    is_free: bool,
+    /// Neighbours in the free list.
+    before: u32,
+    after: u32,
+}
+
+/// What happened in a pool, since it was made.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct PoolCounters {
+    /// Pages read from disk.
+    pub reads: u64,
+    /// Their encoded bytes.
+    pub bytes_read: u64,
+    /// Flushed pages that were still there when they were asked for again.
+    pub second_chances: u64,
+    /// Pages loaded urgently.
+    pub urgent: u64,
+    /// Prefetches given up because there was no free slot.
+    pub prefetch_given_up: u64,
+}
+
+#[derive(Debug)]
+struct State {
+    table: HashMap<u32, u32>,
+    slots: Vec<Slot>,
+    first_free: u32,
+    last_free: u32,
+    in_use: usize,
+    /// Where the search for a slot to be flushed goes on.
+    hand: usize,
+    counters: PoolCounters,
+}
+
+/// What became of a wish to use a page.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Use {
+    /// It is in this slot, and its usage count is one more.
+    Granted {
+        /// The slot.
+        slot: u32,
+    },
+    /// It is not there, and may be asked for.
+    Missing,
+    /// Too many slots are in use.
+    Refused,
+}
+
+/// What became of a wish to have a page.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Room {
+    /// It is there.
+    Resident,
+    /// It is to be read into this slot, and then [`Pool::loaded`] to be called.
+    Slot {
+        /// The slot.
+        slot: u32,
+    },
+    /// There is no room for it.
+    None,
+}
+
+/// The place holders, with all that is known about them.
+#[derive(Debug)]
+pub struct Pool {
+    pages: Vec<RwLock<Page>>,
+    usage: Vec<AtomicU32>,
+    state: Mutex<State>,
+    second_chance: bool,
+}
+
+impl State {
+    fn unlink(&mut self, slot: u32) {
+        let Slot { before, after, .. } = self.slots[slot as usize];
+        match before {
+            NONE => self.first_free = after,
+            before => self.slots[before as usize].after = after,
+        }
+        match after {
+            NONE => self.last_free = before,
+            after => self.slots[after as usize].before = before,
+        }
+        self.slots[slot as usize].is_free = false;
+    }
+
+    fn append(&mut self, slot: u32) {
+        let before = std::mem::replace(&mut self.last_free, slot);
+        match before {
+            NONE => self.first_free = slot,
+            before => self.slots[before as usize].after = slot,
+        }
+        let entry = &mut self.slots[slot as usize];
+        (entry.before, entry.after, entry.is_free) = (before, NONE, true);
+    }
+
+    /// Finds the page, and takes it out of the free list if it is there: the second chance.
+    fn find(&mut self, page: u32) -> Option<u32> {
+        let slot = *self.table.get(&page)?;
+        let entry = self.slots[slot as usize];
+        if entry.is_free {
+            self.unlink(slot);
+            self.counters.second_chances += 1;
+        }
+        Some(slot)
+    }
+
+    /// Empties the slot and gives it to `page`.
+    fn allocate(&mut self, slot: u32, page: u32) {
+        let entry = &mut self.slots[slot as usize];
+        let previous = std::mem::replace(&mut entry.page, page);
+        (entry.stage, entry.references, entry.held, entry.refers) = (Stage::Loading, 0, false, false);
+        if previous != NONE {
+            self.table.remove(&previous);
+        }
+        self.table.insert(page, slot);
+    }
+}
+
+impl Pool {
+    /// A pool of the given pages, which are empty and all of one size.
+    pub fn new(pages: Vec<Page>, second_chance: bool) -> Self {
+        let count = pages.len();
+        let empty = Slot {
+            page: NONE,
+            stage: Stage::Empty,
+            references: 0,
+            held: false,
+            refers: false,
+            is_free: false,
+            before: NONE,
+            after: NONE,
+        };
+        let mut state = State {
+            table: HashMap::with_capacity(count),
+            slots: vec![empty; count],
+            first_free: NONE,
+            last_free: NONE,
+            in_use: 0,
+            hand: 0,
+            counters: PoolCounters::default(),
+        };
+        (0..count as u32).for_each(|slot| state.append(slot));
+        Pool {
+            pages: pages.into_iter().map(RwLock::new).collect(),
+            usage: (0..count).map(|_| AtomicU32::new(0)).collect(),
+            state: Mutex::new(state),
+            second_chance,
+        }
+    }
+
+    /// Number of slots.
+    pub fn slot_count(&self) -> usize {
+        self.pages.len()
+    }
+
+    /// Slots whose page is in use.
+    pub fn in_use(&self) -> usize {
+        self.state.lock().in_use
+    }
+
+    /// What happened so far.
+    pub fn counters(&self) -> PoolCounters {
+        self.state.lock().counters
+    }
+
+    /// The page in a slot; for who knows that it is in use.
+    pub fn page(&self, slot: u32) -> RwLockReadGuard<'_, Page> {
+        self.pages[slot as usize].read()
+    }
+
+    /// Usage count of a slot.
+    pub fn usage(&self, slot: u32) -> u32 {
+        self.usage[slot as usize].load(Ordering::Relaxed)
+    }
+
+    /// One more split of the page in this slot, which is in use, is applied. Navigator only.
+    pub fn use_again(&self, slot: u32) {
+        self.usage[slot as usize].fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// A first or further split of this page is to be applied. Navigator only.
+    pub fn use_page(&self, page: u32) -> Use {
+        let mut state = self.state.lock();
+        let not_in_use = self.pages.len() - state.in_use;
+        let ready = state.table.get(&page).filter(|slot| state.slots[**slot as usize].stage == Stage::Ready);
+        let Some(slot) = ready.copied() else {
+            return if not_in_use < LEAST_FOR_URGENT { Use::Refused } else { Use::Missing };
+        };
+        if self.usage(slot) == 0 {
+            if not_in_use < LEAST_FOR_SPLIT {
+                return Use::Refused;
+            }
+            state.find(page);
+            state.in_use += 1;
+        }
+        self.use_again(slot);
+        Use::Granted { slot }
+    }
+
+    /// A split of the page in this slot is not applied any more; true when it was the last. Navigator only.
+    pub fn stop_using(&self, slot: u32) -> bool {
+        let usage = &self.usage[slot as usize];
+        if usage.load(Ordering::Relaxed) > 1 {
+            usage.fetch_sub(1, Ordering::Relaxed);
+            return false;
+        }
+        let mut state = self.state.lock();
+        usage.store(0, Ordering::Relaxed);
+        state.in_use -= 1;
+        self.flush_if_idle(&mut state, slot);
+        true
+    }
+
+    /// Puts a slot that nobody needs any more at the end of the free list.
+    fn flush_if_idle(&self, state: &mut MutexGuard<'_, State>, slot: u32) {
+        let entry = state.slots[slot as usize];
+        let idle = entry.references == 0 && !entry.held && self.usage(slot) == 0;
+        if !idle || entry.is_free || entry.stage == Stage::Loading {
+            return;
+        }
+        if !self.second_chance && entry.page != NONE {
+            state.table.remove(&entry.page);
+            let entry = &mut state.slots[slot as usize];
+            (entry.page, entry.stage, entry.refers) = (NONE, Stage::Empty, false);
+        }
+        state.append(slot);
+    }
+
+    /// Makes room for a page that a page in use refers to, and counts the reference.
+    pub fn reference(&self, page: u32) -> Room {
+        let mut state = self.state.lock();
+        if let Some(slot) = state.find(page) {
+            state.slots[slot as usize].references += 1;
+            return Room::Resident;
+        }
+        match state.first_free {
+            NONE => {
+                state.counters.prefetch_given_up += 1;
+                Room::None
+            }
+            slot => {
+                state.unlink(slot);
+                state.allocate(slot, page);
+                state.slots[slot as usize].references = 1;
+                Room::Slot { slot }
+            }
+        }
+    }
+
+    /// Counts a reference to a page, if it is there.
+    pub fn reference_if_resident(&self, page: u32) {
+        let mut state = self.state.lock();
+        if let Some(slot) = state.find(page) {
+            state.slots[slot as usize].references += 1;
+        }
+    }
+
+    /// Takes a reference, and the hold of who never came to use it, from a page; no effect where it is not there.
+    pub fn dereference(&self, page: u32) {
+        let mut state = self.state.lock();
+        if let Some(slot) = state.table.get(&page).copied() {
+            let entry = &mut state.slots[slot as usize];
+            entry.references = entry.references.saturating_sub(1);
+            entry.held = false;
+            self.flush_if_idle(&mut state, slot);
+        }
+    }
+
+    /// Makes room for a page that is wanted urgently, and holds it: in a free slot, else in the first found whose page
+    /// is prefetched but not in use.
+    pub fn make_room(&self, page: u32) -> Room {
+        let mut state = self.state.lock();
+        if let Some(slot) = state.find(page) {
+            state.slots[slot as usize].held = true;
+            return Room::Resident;
+        }
+        if self.pages.len() - state.in_use < LEAST_FOR_URGENT {
+            return Room::None;
+        }
+        let slot = match state.first_free {
+            NONE => {
+                let count = self.pages.len();
+                let hand = state.hand;
+                let is_spare = |slot: &usize| state.slots[*slot].stage == Stage::Ready && self.usage(*slot as u32) == 0;
+                let Some(spare) = (0..count).map(|step| (hand + step) % count).find(is_spare) else {
+                    return Room::None;
+                };
+                state.hand = (spare + 1) % count;
+                spare as u32
+            }
+            slot => {
+                state.unlink(slot);
+                slot
+            }
+        };
+        state.allocate(slot, page);
+        state.slots[slot as usize].held = true;
+        state.counters.urgent += 1;
+        Room::Slot { slot }
+    }
+
+    /// The page of a slot that was given out to be filled.
+    pub fn page_to_fill(&self, slot: u32) -> RwLockWriteGuard<'_, Page> {
+        self.pages[slot as usize].write()
+    }
+
+    /// The page of the slot was read: so many bytes; or could not be read.
+    pub fn loaded(&self, slot: u32, bytes: Option<u32>) {
+        let mut state = self.state.lock();
+        match bytes {
+            Some(bytes) => {
+                state.counters.reads += 1;
+                state.counters.bytes_read += u64::from(bytes);
+                state.slots[slot as usize].stage = Stage::Ready;
+                self.flush_if_idle(&mut state, slot);
+            }
+            None => {
+                let entry = &mut state.slots[slot as usize];
+                let page = std::mem::replace(&mut entry.page, NONE);
+                (entry.stage, entry.references, entry.held) = (Stage::Empty, 0, false);
+                state.table.remove(&page);
+                state.append(slot);
+            }
+        }
+    }
+
+    /// Notes whether the page in the slot is counted in the references of its parent and children from now on, as it
+    /// is to be while it is in use (or, at the start, a root's); the page, if that is a change. `always` counts it even
+    /// though it is not in use. One that is not in use any more is not held any more either.
+    pub fn update_references(&self, slot: u32, always: bool) -> Option<ReferenceChange> {
+        let mut state = self.state.lock();
+        let is_used = self.usage(slot) > 0;
+        let entry = &mut state.slots[slot as usize];
+        if entry.stage != Stage::Ready {
+            return None;
+        }
+        let refers = is_used || always;
+        let change = (entry.refers != refers).then_some(ReferenceChange { page: entry.page, refers });
+        entry.refers = refers;
+        if !is_used && !always {
+            entry.held = false;
+            self.flush_if_idle(&mut state, slot);
+        }
+        change
+    }
+}

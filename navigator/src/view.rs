@@ -1,0 +1,213 @@
+//! The view parameters of a frame (the paper, 3.3.1): how large the error of a node is on the screen.
+//!
+//! The error of a node in pixels is `switch * height / (2 tan(fov / 2)) / distance`, where the distance is that from
+//! the eye to the node's bounding sphere; with the eye inside the sphere it is infinite. A sixteenth of that counts
+//! where the sphere is outside the view frustum, or where every normal in the node's cone points away from the eye
+//! from every point in the sphere.
+//!
+//! Spheres and cones nest and switch values never fall towards the root, and every test here says of a node what
+//! holds for its descendants too; so a node's error is never below that of its descendants (up to rounding), and the
+//! nodes with too large an error form the tops of the trees.
+
+use glam::{DVec3, Vec3};
+use vdt::tree::NormalCone;
+
+use crate::camera::{Camera, CameraError};
+
+/// By how much the error of what cannot be seen is divided.
+pub const UNSEEN_DIVISOR: f32 = 16.0;
+
+/// What the error of a node depends on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sphere {
+    /// Where the node stands, in mesh units relative to the model's origin.
+    pub position: [f32; 3],
+    /// Radius of the sphere about it that holds all that is under it.
+    pub radius: f32,
+    /// The node's switch value, in mesh units.
+    pub switch: f32,
+    /// Holds all normals under it.
+    pub cone: NormalCone,
+}
+
+/// A camera looking at a model, on a screen of a certain size.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    eye: Vec3,
+    /// Inward normals of the five planes through the eye: behind, right, left, top, bottom.
+    planes: [Vec3; 5],
+    /// Pixels that one mesh unit takes at a distance of one mesh unit.
+    scale: f32,
+}
+
+impl View {
+    /// The view of a `width` × `height` pixel screen; `origin` is that of the model.
+    pub fn new(camera: &Camera, origin: [f64; 3], width: u32, height: u32) -> Result<Self, CameraError> {
+        let frame = camera.frame()?;
+        let tall = camera.half_height();
+        let wide = tall * f64::from(width) / f64::from(height.max(1));
+        let planes = [
+            frame.forward,
+            frame.forward * wide - frame.right,
+            frame.forward * wide + frame.right,
+            frame.forward * tall - frame.up,
+            frame.forward * tall + frame.up,
+        ];
+        Ok(View {
+            eye: (camera.eye - DVec3::from_array(origin)).as_vec3(),
+            planes: planes.map(|normal| normal.normalize().as_vec3()),
+            scale: (f64::from(height) / (2.0 * tall)) as f32,
+        })
+    }
+
+    /// Error of a node in pixels.
+    pub fn pixel_error(&self, sphere: &Sphere) -> f32 {
+        let to_node = Vec3::from_array(sphere.position) - self.eye;
+        let distance = to_node.length() - sphere.radius;
+        if distance <= 0.0 {
+            return f32::INFINITY;
+        }
+        let error = sphere.switch * self.scale / distance;
+        if self.outside(to_node, sphere.radius) || turned_away(to_node, sphere.radius, sphere.cone) {
+            error / UNSEEN_DIVISOR
+        } else {
+            error
+        }
+    }
+
+    /// Whether the sphere can reach into the picture.
+    pub fn can_see(&self, sphere: &Sphere) -> bool {
+        !self.outside(Vec3::from_array(sphere.position) - self.eye, sphere.radius)
+    }
+
+    /// The test against one threshold, with what depends on the threshold alone done ahead.
+    pub fn against(&self, threshold: f32) -> Threshold<'_> {
+        Threshold { view: self, threshold, reach: self.scale / threshold }
+    }
+
+    fn outside(&self, to_node: Vec3, radius: f32) -> bool {
+        self.planes.iter().any(|normal| normal.dot(to_node) < -radius)
+    }
+}
+
+/// Whether all normals in the cone point away from the eye at every point of the sphere: whether the sphere lies in
+/// the cone of points, with its tip at the eye, around the axis, with half-angle 90 degrees less the normals' cone's.
+/// The distance of a point inside such a cone from its surface is `cos(angle) * along - sin(angle) * across`.
+fn turned_away(to_node: Vec3, radius: f32, cone: NormalCone) -> bool {
+    if cone.sine == u8::MAX {
+        return false;
+    }
+    let axis = Vec3::from_array(cone.axis.map(f32::from)).normalize_or_zero();
+    let along = axis.dot(to_node);
+    if along <= radius {
+        return false;
+    }
+    let sine = f32::from(cone.sine) / 254.0;
+    let cosine = (1.0 - sine * sine).max(0.0).sqrt();
+    let across = (to_node.length_squared() - along * along).max(0.0).sqrt();
+    // The slack keeps rounding on the safe side.
+    cosine * along - sine * across >= radius + 1e-5 * along
+}
+
+/// See [`View::against`].
+#[derive(Debug, Clone, Copy)]
+pub struct Threshold<'a> {
+    view: &'a View,
+    threshold: f32,
+    reach: f32,
+}
+
+impl Threshold<'_> {
+    /// The error in pixels, where it is above the threshold. Without a root or a division where it is far below.
+    #[inline]
+    pub fn exceeded(&self, sphere: &Sphere) -> Option<f32> {
+        let to_node = Vec3::from_array(sphere.position) - self.view.eye;
+        // The error at full visibility is above the threshold only within this distance of the node.
+        let reach = sphere.switch * self.reach + sphere.radius;
+        if to_node.length_squared() > reach * reach * 1.0001 {
+            return None;
+        }
+        let error = self.view.pixel_error(sphere);
+        (error > self.threshold).then_some(error)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn view() -> View {
+        let camera: Camera = "100 0 0  101 0 0  0 0 1  90".parse().unwrap();
+        View::new(&camera, [100.0, 0.0, 0.0], 200, 100).unwrap()
+    }
+
+    fn sphere(position: [f32; 3], radius: f32) -> Sphere {
+        Sphere { position, radius, switch: 1.0, cone: NormalCone::EVERYTHING }
+    }
+
+    #[test]
+    fn errors_in_pixels() {
+        let view = view();
+        // 100 pixels are 2 units at distance 1.
+        assert_eq!(view.pixel_error(&sphere([10.0, 0.0, 0.0], 0.0)), 5.0);
+        assert_eq!(view.pixel_error(&sphere([10.0, 0.0, 0.0], 5.0)), 10.0);
+        assert_eq!(view.pixel_error(&sphere([1.0, 0.0, 0.0], 1.0)), f32::INFINITY);
+        let behind = view.pixel_error(&sphere([-10.0, 0.0, 0.0], 0.0));
+        assert_eq!(behind, 5.0 / 16.0);
+        // Half the picture is 1 unit high and 2 units wide at distance 1.
+        assert!(view.can_see(&sphere([10.0, 19.0, 9.0], 0.0)));
+        assert!(!view.can_see(&sphere([10.0, 19.0, 11.0], 0.0)));
+        assert!(!view.can_see(&sphere([10.0, 21.0, 0.0], 0.1)));
+        assert!(view.can_see(&sphere([10.0, 21.0, 0.0], 1.0)));
+        assert!(view.can_see(&sphere([-0.5, 0.0, 0.0], 1.0)));
+    }
+
+    #[test]
+    fn cones_that_point_away_count_less() {
+        let view = view();
+        let error = |axis: [i8; 3], sine: u8, radius: f32| {
+            let cone = NormalCone { axis, sine };
+            view.pixel_error(&Sphere { cone, ..sphere([10.0, 0.0, 0.0], radius) })
+        };
+        assert!(error([127, 0, 0], 100, 0.1) < 1.0);
+        assert!(error([-127, 0, 0], 100, 0.1) > 1.0);
+        assert!(error([0, 0, 127], 1, 0.1) > 1.0);
+        assert!(error([127, 0, 0], 255, 0.1) > 1.0);
+        // 45 degrees of axis and 44 of cone leave one degree for the sphere.
+        assert!(error([90, 90, 0], 176, 0.01) < 1.0);
+        assert!(error([90, 90, 0], 176, 0.5) > 1.0);
+        assert!(error([0, 0, 0], 0, 0.1) > 1.0);
+    }
+
+    proptest! {
+        /// A node inside another, with a smaller error, has a smaller error on the screen.
+        #[test]
+        fn nested_nodes_have_nested_errors(
+            position in prop::array::uniform3(-20.0_f32..20.0),
+            radius in 0.0_f32..10.0,
+            part in 0.0_f32..1.0,
+            towards in prop::array::uniform3(-1.0_f32..1.0),
+            axis in prop::array::uniform3(-127_i8..=127),
+            sine in 0_u8..=255,
+        ) {
+            let view = view();
+            let cone = NormalCone { axis, sine };
+            let parent = Sphere { position, radius, switch: 1.0, cone };
+            let inner = radius * part;
+            let step = Vec3::from_array(towards).clamp_length_max(1.0) * (radius - inner);
+            let child = Sphere {
+                position: (Vec3::from_array(position) + step).to_array(),
+                radius: inner,
+                switch: 0.9,
+                cone: NormalCone { axis, sine: sine / 2 },
+            };
+            prop_assert!(view.pixel_error(&child) <= view.pixel_error(&parent));
+            for threshold in [0.0, 0.1, 1.0, 10.0] {
+                let error = view.pixel_error(&parent);
+                prop_assert_eq!(view.against(threshold).exceeded(&parent), (error > threshold).then_some(error));
+            }
+        }
+    }
+}

@@ -1,0 +1,116 @@
+//! From mesh files to a finished tree, in core, within a memory limit.
+//!
+//! [`Needs`] says beforehand what a mesh of a given size takes; a mesh that does not fit is refused before anything is
+//! built, with the number that would do. (The external build, which has no such limit, is yet to come.)
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use storage::{ByteSize, Disk};
+
+use crate::ingest::{self, CleaningCounts, FileCounts};
+use crate::mesh::MeshError;
+use crate::simplify::{self, Metric, Order};
+use crate::tree::{Tree, finish};
+
+/// How a tree is to be built.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BuildOptions {
+    /// Limit on what grows with the mesh.
+    pub memory: ByteSize,
+    /// What a collapse costs.
+    pub metric: Metric,
+    /// In which order edges are collapsed.
+    pub order: Order,
+}
+
+/// The phases of a build, for whoever shows progress.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// Reading the mesh files and bringing them into canonical form.
+    Reading,
+    /// Collapsing edges.
+    Simplifying,
+    /// Numbering, leaf intervals, bounding spheres, normal cones.
+    Finishing,
+}
+
+/// What happened during a build.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BuildReport {
+    /// What the files held.
+    pub files: FileCounts,
+    /// What was changed on the way in.
+    pub cleaning: CleaningCounts,
+    /// Rounds of collapses that kept all legality tests (1 with [`Order::Queue`]).
+    pub rounds: u32,
+    /// Collapses that kept all legality tests.
+    pub legal_collapses: u64,
+    /// Collapses of the end phase.
+    pub end_phase_collapses: u64,
+    /// Wall-clock seconds of simplification alone.
+    pub simplify_seconds: f64,
+    /// CPU seconds of simplification alone.
+    pub simplify_cpu_seconds: f64,
+}
+
+/// The memory that building a mesh in core takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Needs {
+    counts: FileCounts,
+}
+
+/// Bytes at the peak for each vertex of the files and for each triangle: see the modules `ingest`, `simplify` and `tree`.
+const BYTES_PER_VERTEX: u64 = 176;
+const BYTES_PER_TRIANGLE: u64 = 76;
+/// Tables that do not depend on the size.
+const FIXED_BYTES: u64 = 1 << 20;
+
+impl Needs {
+    /// For files that hold this much.
+    pub fn of(counts: FileCounts) -> Self {
+        Needs { counts }
+    }
+
+    /// Bytes that an in-core build takes.
+    pub fn in_core(&self) -> ByteSize {
+        // A soup of triangles has three vertices for each facet, of which a sixth is left after welding.
+        let vertices = self.counts.vertices.min(self.counts.triangles.saturating_mul(3) / 2 + 3);
+        let read = self.counts.vertices.saturating_mul(64).saturating_add(self.counts.triangles.saturating_mul(12));
+        let built = vertices
+            .saturating_mul(BYTES_PER_VERTEX)
+            .saturating_add(self.counts.triangles.saturating_mul(BYTES_PER_TRIANGLE));
+        ByteSize(built.max(read).saturating_add(FIXED_BYTES))
+    }
+}
+
+/// Builds the view-dependence tree of the mesh in `paths` (several files are one mesh).
+///
+/// # Errors
+///
+/// Those of reading the files, [`MeshError::OverMemory`] where the mesh does not fit.
+pub fn build(
+    disk: &dyn Disk,
+    paths: &[PathBuf],
+    options: &BuildOptions,
+    progress: &mut dyn FnMut(Phase, f64),
+) -> Result<(Tree, BuildReport), MeshError> {
+    progress(Phase::Reading, 0.0);
+    let (mesh, files) = ingest::load(disk, paths, options.memory)?;
+    progress(Phase::Simplifying, 0.0);
+    let (start, cpu_start) = (Instant::now(), storage::usage::cpu_time());
+    let history = simplify::simplify(&mesh, options.metric, options.order, &mut |share| {
+        progress(Phase::Simplifying, share);
+    });
+    let report = BuildReport {
+        files,
+        cleaning: mesh.cleaning,
+        rounds: history.rounds,
+        legal_collapses: history.legal as u64,
+        end_phase_collapses: (history.collapses.len() - history.legal) as u64,
+        simplify_seconds: start.elapsed().as_secs_f64(),
+        simplify_cpu_seconds: (storage::usage::cpu_time() - cpu_start).as_secs_f64(),
+    };
+    progress(Phase::Finishing, 0.0);
+    Ok((finish(mesh, history), report))
+}

@@ -1,0 +1,142 @@
+//! May this half-edge be collapsed? Link condition, boundaries and non-manifold edges, fold-overs.
+//!
+//! The answer reads the stars of the two vertices and positions, nothing else: that is what lets blocks of an external
+//! pass decide most collapses without each other (`facts/exact.md`).
+//!
+//! - *Link condition*: the vertices next to both ends are exactly the apexes of the edge's triangles, each once, and no
+//!   edge lies opposite to both ends (a tetrahedron, which would fold into two coincident triangles).
+//! - *Special edges*, all that are not shared by exactly two triangles with opposite directions (boundaries,
+//!   non-manifold edges, seams of disagreeing orientation): a vertex on one moves along one only, and no triangle may
+//!   vanish that has special edges on both of its other sides (that would close a hole, or swallow a part).
+//! - *Fold-over*: no surviving triangle's normal may turn by more than 78 degrees (cosine 0.2), nor may it become a
+//!   needle. Triangles that were needles before are not asked: they would block for ever.
+
+use crate::vector::{cross, dot, minus};
+
+use super::live_mesh::{EdgeUse, LiveMesh};
+
+/// Smallest cosine between a triangle's normals before and after a collapse.
+const LEAST_COSINE: f64 = 0.2;
+
+/// A triangle whose height over its longest side in question is less than 1e-5 of that side is a needle, without a
+/// normal to speak of. Here squared.
+const NEEDLE: f64 = 1e-10;
+
+/// Rings with a product of sizes up to this are compared one by one; larger ones are sorted first.
+const SMALL_RINGS: usize = 1024;
+
+/// Buffers for the rings of the two ends, kept from call to call.
+#[derive(Debug, Default)]
+pub(super) struct Rings {
+    gone: Vec<[u32; 2]>,
+    stays: Vec<[u32; 2]>,
+    apexes: Vec<u32>,
+    gone_sorted: Vec<u32>,
+    stays_sorted: Vec<u32>,
+}
+
+impl Rings {
+    /// Whether `gone` may be collapsed onto `stays`. False too where they share no triangle.
+    pub fn allow(&mut self, mesh: &LiveMesh, gone: u32, stays: u32) -> bool {
+        fill(&mut self.gone, mesh, gone);
+        self.apexes.clear();
+        let mut edge = EdgeUse::default();
+        for [next, previous] in &self.gone {
+            if *next == stays {
+                edge.forward += 1;
+                self.apexes.push(*previous);
+            } else if *previous == stays {
+                edge.backward += 1;
+                self.apexes.push(*next);
+            }
+        }
+        if edge.is_unused() || (mesh.vertices[gone as usize].is_special() && edge.is_regular()) {
+            return false;
+        }
+        fill(&mut self.stays, mesh, stays);
+        self.link_condition(gone, stays)
+            && self.no_special_triangle(mesh, gone, stays)
+            && self.no_fold_over(mesh, gone, stays)
+    }
+
+    fn link_condition(&mut self, gone: u32, stays: u32) -> bool {
+        let apexes = &self.apexes;
+        if (1..apexes.len()).any(|index| apexes[..index].contains(&apexes[index])) {
+            return false;
+        }
+        let is_apex = |vertex: u32| apexes.contains(&vertex);
+        let common_are_apexes = if self.gone.len() * self.stays.len() <= SMALL_RINGS {
+            self.gone
+                .as_flattened()
+                .iter()
+                .all(|vertex| *vertex == stays || is_apex(*vertex) || !self.stays.as_flattened().contains(vertex))
+        } else {
+            sort_into(&mut self.gone_sorted, &self.gone);
+            sort_into(&mut self.stays_sorted, &self.stays);
+            self.gone_sorted
+                .iter()
+                .all(|vertex| *vertex == stays || is_apex(*vertex) || self.stays_sorted.binary_search(vertex).is_err())
+        };
+        // An edge opposite to both ends joins two common neighbours, that is two apexes.
+        common_are_apexes
+            && !self.gone.iter().any(|[a, b]| {
+                is_apex(*a)
+                    && is_apex(*b)
+                    && self
+                        .stays
+                        .iter()
+                        .any(|other| (other == &[*a, *b] || other == &[*b, *a]) && !other.contains(&gone))
+            })
+    }
+
+    /// No triangle of the edge has special edges on both other sides.
+    fn no_special_triangle(&self, mesh: &LiveMesh, gone: u32, stays: u32) -> bool {
+        let both_special = mesh.vertices[gone as usize].is_special() && mesh.vertices[stays as usize].is_special();
+        !both_special
+            || self
+                .apexes
+                .iter()
+                .all(|apex| edge_use(&self.gone, *apex).is_regular() || edge_use(&self.stays, *apex).is_regular())
+    }
+
+    fn no_fold_over(&self, mesh: &LiveMesh, gone: u32, stays: u32) -> bool {
+        let position = |vertex: u32| mesh.vertices[vertex as usize].position.map(f64::from);
+        let (from, to) = (position(gone), position(stays));
+        self.gone.iter().filter(|pair| !pair.contains(&stays)).all(|[next, previous]| {
+            let (a, b) = (position(*next), position(*previous));
+            let opposite = minus(b, a);
+            let side = dot(opposite, opposite);
+            let old = cross(minus(a, from), minus(b, from));
+            let old_square = dot(old, old);
+            if old_square <= NEEDLE * side * side {
+                return true;
+            }
+            let new = cross(minus(a, to), minus(b, to));
+            let new_square = dot(new, new);
+            let turn = dot(old, new);
+            new_square > NEEDLE * side * side
+                && turn > 0.0
+                && turn * turn >= LEAST_COSINE * LEAST_COSINE * old_square * new_square
+        })
+    }
+}
+
+/// How the triangles of a ring run along the edge from the ring's centre to `vertex`.
+fn edge_use(ring: &[[u32; 2]], vertex: u32) -> EdgeUse {
+    EdgeUse {
+        forward: ring.iter().filter(|[next, _]| *next == vertex).count(),
+        backward: ring.iter().filter(|[_, previous]| *previous == vertex).count(),
+    }
+}
+
+/// The other two corners of every triangle at `vertex`.
+fn fill(ring: &mut Vec<[u32; 2]>, mesh: &LiveMesh, vertex: u32) {
+    ring.clear();
+    ring.extend(mesh.star(vertex).iter().map(|triangle| mesh.others(*triangle, vertex)));
+}
+
+fn sort_into(sorted: &mut Vec<u32>, ring: &[[u32; 2]]) {
+    sorted.clear();
+    sorted.extend(ring.as_flattened());
+    sorted.sort_unstable();
+}

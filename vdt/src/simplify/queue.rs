@@ -1,0 +1,78 @@
+//! The paper's order (3.1): always the edge with the smallest key, edges made on the way included, through one priority
+//! queue in memory. This is step 5 of the paper's 3.1.2, for a mesh that fits; the order to which the others are held.
+//!
+//! An edge that is not legal is taken out, and comes back when the star of one of its ends changes. Each edge is on the
+//! rejected list at most once: lists at both ends without that were seen to multiply entries a thousandfold.
+
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, HashSet};
+
+use super::collapse::{Candidate, Engine, Outcome};
+use super::metric::CollapseMetric;
+
+/// Collapses until no legal candidate is left.
+pub(super) fn run<M: CollapseMetric>(engine: &mut Engine<M>, progress: &mut dyn FnMut(f64)) {
+    engine.next_round();
+    let mut heap: BinaryHeap<Reverse<Candidate>> = BinaryHeap::new();
+    for corners in &engine.mesh.triangles {
+        for side in 0..3 {
+            let (a, b) = (corners[side], corners[(side + 1) % 3]);
+            // Twice for most special edges; the second finds its edge gone or rejected.
+            let special = [a, b].iter().all(|end| engine.mesh.vertices[*end as usize].is_special());
+            if a < b || special {
+                heap.push(Reverse(engine.candidate(&engine.directions(a, b))));
+            }
+        }
+    }
+    // Edges that were found illegal, smaller vertex first, and for each vertex how many of its edges are among them.
+    let mut rejected: HashSet<(u32, u32)> = HashSet::new();
+    let mut rejected_at = vec![0_u32; engine.mesh.vertices.len()];
+    let mut ring = Vec::new();
+    while let Some(Reverse(candidate)) = heap.pop() {
+        let (low, high) = engine.ends(&candidate);
+        match engine.attempt(candidate) {
+            Outcome::Gone => {}
+            Outcome::Grown(again) | Outcome::OtherWay(again) => heap.push(Reverse(again)),
+            Outcome::Illegal => {
+                if rejected.insert((low, high)) {
+                    rejected_at[low as usize] += 1;
+                    rejected_at[high as usize] += 1;
+                }
+            }
+            Outcome::Collapsed { stays } => {
+                neighbours(engine, stays, &mut ring);
+                // The quadric of `stays` has changed, and with it the keys of all its edges.
+                for other in &ring {
+                    heap.push(Reverse(engine.candidate(&engine.directions(stays, *other))));
+                }
+                let around = std::mem::take(&mut ring);
+                for vertex in around.iter().copied().chain([stays]) {
+                    if rejected_at[vertex as usize] == 0 {
+                        continue;
+                    }
+                    neighbours(engine, vertex, &mut ring);
+                    for other in &ring {
+                        if rejected.remove(&(vertex.min(*other), vertex.max(*other))) {
+                            rejected_at[vertex as usize] -= 1;
+                            rejected_at[*other as usize] -= 1;
+                            heap.push(Reverse(engine.candidate(&engine.directions(vertex, *other))));
+                        }
+                    }
+                }
+                ring = around;
+                if engine.collapse_count().is_multiple_of(4096) {
+                    progress(engine.share_done());
+                }
+            }
+        }
+    }
+}
+
+/// The vertices next to `vertex`, sorted, each once.
+fn neighbours<M: CollapseMetric>(engine: &Engine<M>, vertex: u32, ring: &mut Vec<u32>) {
+    ring.clear();
+    let star = engine.mesh.star(vertex).iter();
+    ring.extend(star.flat_map(|triangle| engine.mesh.others(*triangle, vertex)));
+    ring.sort_unstable();
+    ring.dedup();
+}
