@@ -6,9 +6,11 @@
 //! becomes a candidate of its own, with its own key.
 //!
 //! *Switch values* are monotone over the dependency DAG, not only over the tree: a collapse takes the maximum of its own
-//! error, of the switch values of the collapses that last rewrote the triangles around the vertex that goes, and of its
-//! two child nodes (`facts/error.md`, section 2). So the collapses at or above any threshold are a legal state of the
-//! construction, and uniform cuts need no forced split.
+//! error, of the switch values of the collapses that last rewrote the triangles around the vertex that goes or took one
+//! away from there, and of its two child nodes (`facts/error.md`, section 2). So every triangle of a uniform cut is one
+//! that the construction went through, corner for corner, and uniform cuts need no forced split. (The legality tests also
+//! read the star of the vertex that stays. To be monotone over that too was measured: switch values 3 to 8 % larger, and
+//! on three scans not one edge of the uniform cuts less used twice.)
 
 use crate::ingest::CoreMesh;
 
@@ -105,7 +107,7 @@ pub(super) struct Engine<M> {
     rules: Rules,
     parts: Parts,
     rings: Rings,
-    dead: Vec<u32>,
+    dead: Vec<(u32, u32)>,
     round: u32,
     collapses: Vec<Collapse>,
     death: Vec<u32>,
@@ -237,7 +239,8 @@ impl<M: CollapseMetric> Engine<M> {
         let nodes = self.mesh.node_switch[gone as usize].max(self.mesh.node_switch[stays as usize]);
         let star = self.mesh.star(gone).iter();
         let rewriters = star.map(|triangle| self.mesh.triangle_switch[*triangle as usize]).fold(0.0, f32::max);
-        let mut switch = own.max(nodes).max(rewriters).max(SMALLEST_SWITCH);
+        let lost = self.mesh.star_switch[gone as usize];
+        let mut switch = own.max(nodes).max(rewriters).max(lost).max(SMALLEST_SWITCH);
 
         let stays_quadric = &mut self.mesh.vertices[stays as usize].quadric;
         self.metric.merge(&gone_quadric, stays_quadric, d);
@@ -248,8 +251,10 @@ impl<M: CollapseMetric> Engine<M> {
         switch = switch.max(self.parts.lose(stays_id, self.dead.len()));
         self.mesh.node_switch[stays as usize] = switch;
         let collapse = self.collapses.len() as u32;
-        for triangle in &self.dead {
+        for (triangle, apex) in &self.dead {
             self.death[self.mesh.canonical_triangle[*triangle as usize] as usize] = collapse;
+            let lost = &mut self.mesh.star_switch[*apex as usize];
+            *lost = lost.max(switch);
         }
         self.mesh.rewrite_last(stays, moved, switch);
         self.collapses.push(Collapse { kept: stays_id, born: gone_id, switch: self.in_mesh_units(switch) });

@@ -5,7 +5,7 @@
 //! is packed again ([`LiveMesh::compact`]): local ids change then, but keep the order of the canonical ids, so no
 //! comparison ever depends on when it happened.
 //!
-//! Memory: 64 bytes per vertex, 4 for its canonical id and 4 for its switch value; 20 bytes per triangle; the pool, 4
+//! Memory: 64 bytes per vertex, 4 for its canonical id and 8 for switch values; 20 bytes per triangle; the pool, 4
 //! bytes per corner, and 4 + 2 on average for each star.
 
 use crate::ingest::{CoreMesh, power_of_two};
@@ -78,6 +78,9 @@ pub(super) struct LiveMesh {
     pub canonical_vertex: Vec<u32>,
     /// Switch value of the node that each vertex stands for at present, normalised; 0 for leaves.
     pub node_switch: Vec<f32>,
+    /// The largest switch value of a collapse that took a triangle out of each vertex's star without rewriting another
+    /// one there for certain; normalised, 0 where there was none.
+    pub star_switch: Vec<f32>,
     pub triangles: Vec<[u32; 3]>,
     /// Canonical id of each triangle; ascending.
     pub canonical_triangle: Vec<u32>,
@@ -108,6 +111,7 @@ impl LiveMesh {
             vertices,
             canonical_vertex: (0..mesh.positions.len() as u32).collect(),
             node_switch: vec![0.0; mesh.positions.len()],
+            star_switch: vec![0.0; mesh.positions.len()],
             triangles: mesh.triangles.clone(),
             canonical_triangle: (0..mesh.triangles.len() as u32).collect(),
             triangle_switch: vec![0.0; mesh.triangles.len()],
@@ -245,9 +249,10 @@ impl LiveMesh {
         }
     }
 
-    /// Moves every triangle of the star of `gone` to `stays`; `dead` receives those that had both, which are then gone.
+    /// Moves every triangle of the star of `gone` to `stays`; `dead` receives those that had both, which are then gone,
+    /// each with its third corner.
     /// Says how many were moved: they are the last ones in the star of `stays`.
-    pub fn contract(&mut self, gone: u32, stays: u32, dead: &mut Vec<u32>) -> u32 {
+    pub fn contract(&mut self, gone: u32, stays: u32, dead: &mut Vec<(u32, u32)>) -> u32 {
         dead.clear();
         let Vertex { star, degree, .. } = self.vertices[gone as usize];
         // The triangles that survive, packed to the front of the old star.
@@ -256,7 +261,8 @@ impl LiveMesh {
             let triangle = self.pool[index as usize];
             let corners = &mut self.triangles[triangle as usize];
             if corners.contains(&stays) {
-                dead.push(triangle);
+                let apex = corners.iter().copied().find(|corner| *corner != gone && *corner != stays);
+                dead.push((triangle, apex.unwrap_or(stays)));
             } else {
                 for corner in corners {
                     if *corner == gone {
@@ -268,11 +274,9 @@ impl LiveMesh {
             }
         }
         self.vertices[gone as usize].degree = 0;
-        for triangle in &*dead {
-            let corners = self.triangles[*triangle as usize];
-            for corner in corners.into_iter().filter(|corner| *corner != gone) {
-                self.remove_from_star(corner, *triangle);
-            }
+        for (triangle, apex) in &*dead {
+            self.remove_from_star(*apex, *triangle);
+            self.remove_from_star(stays, *triangle);
             self.triangles[*triangle as usize] = [GONE; 3];
         }
         self.live_triangles -= dead.len();
@@ -331,12 +335,14 @@ impl LiveMesh {
                 self.vertices[kept] = self.vertices[old];
                 self.canonical_vertex[kept] = self.canonical_vertex[old];
                 self.node_switch[kept] = self.node_switch[old];
+                self.star_switch[kept] = self.star_switch[old];
                 kept += 1;
             }
         }
         self.vertices.truncate(kept);
         self.canonical_vertex.truncate(kept);
         self.node_switch.truncate(kept);
+        self.star_switch.truncate(kept);
         let mut kept = 0;
         for old in 0..self.triangles.len() {
             if self.is_live(old) {

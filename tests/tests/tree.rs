@@ -1,0 +1,182 @@
+//! Trees of random meshes: well formed, legal in both orders, the same for any order of the input, scale-free.
+
+use std::collections::BTreeMap;
+
+use proptest::prelude::*;
+use vdt::ingest::{CleaningCounts, CoreMesh, canonical};
+use vdt::simplify::{History, Metric, Order, simplify};
+use vdt::tree::{Tree, check, finish};
+use vdt_tests::cut;
+use vdt_tests::random_mesh::{RawMesh, any_mesh, closed_box, sheet, sphere};
+use vdt_tests::replay::PlainMesh;
+
+fn core(mesh: &RawMesh) -> CoreMesh {
+    canonical(mesh.positions.clone(), mesh.triangles.clone(), CleaningCounts::default()).unwrap()
+}
+
+fn history(mesh: &CoreMesh, metric: Metric, order: Order) -> History {
+    simplify(mesh, metric, order, &mut |_| {})
+}
+
+fn tree(mesh: &RawMesh, metric: Metric, order: Order) -> Tree {
+    let core = core(mesh);
+    let history = history(&core, metric, order);
+    finish(core, history)
+}
+
+fn either_metric() -> impl Strategy<Value = Metric> {
+    prop_oneof![Just(Metric::Quadric), Just(Metric::Length)]
+}
+
+fn either_order() -> impl Strategy<Value = Order> {
+    prop_oneof![Just(Order::Rounds), Just(Order::Queue)]
+}
+
+/// The triangles, as they were, that a collapse moved or removed.
+type Rewritten = Vec<(usize, [u32; 3])>;
+
+/// Replays collapses in the given order on a plain list of triangles: what each of them rewrote. Every triangle must
+/// vanish exactly at the collapse that the history says, and with `legal` those of the history that are said to be legal
+/// must break no rule.
+fn replay(mesh: &CoreMesh, history: &History, order: &[usize], legal: bool) -> Vec<Rewritten> {
+    let mut plain = PlainMesh::new(&mesh.positions, &mesh.triangles);
+    let mut death: BTreeMap<usize, u32> = BTreeMap::new();
+    let mut rewritten = vec![Vec::new(); order.len()];
+    for index in order {
+        let collapse = history.collapses[*index];
+        if legal && *index < history.legal {
+            assert_eq!(plain.objection(collapse.born, collapse.kept), None, "collapse {index} {collapse:?}");
+        }
+        let live = plain.triangles.iter().enumerate().filter_map(|(index, slot)| slot.map(|corners| (index, corners)));
+        rewritten[*index] = live.filter(|(_, corners)| corners.contains(&collapse.born)).collect();
+        for triangle in plain.collapse(collapse.born, collapse.kept) {
+            death.insert(triangle, *index as u32);
+        }
+    }
+    assert_eq!(death.values().copied().collect::<Vec<_>>(), history.death);
+    rewritten
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_tree_is_well_formed_with_one_root_per_component(
+        mesh in any_mesh(), metric in either_metric(), order in either_order()
+    ) {
+        let core = core(&mesh);
+        let components = PlainMesh::new(&core.positions, &core.triangles).component_count();
+        let tree = tree(&mesh, metric, order);
+        check(&tree).unwrap();
+        prop_assert_eq!(tree.roots.len(), components);
+        prop_assert_eq!(tree.triangles.corners.len(), core.triangles.len());
+    }
+
+    /// In the order of the ids, by (switch value as stored, build order), every collapse finds the very triangles that it
+    /// found when it was decided, corner for corner. So every triangle of a uniform cut is one that the construction
+    /// went through, and the implicit dependency is sound.
+    #[test]
+    fn id_order_goes_through_the_same_triangles(
+        mesh in any_mesh(), metric in either_metric(), order in either_order()
+    ) {
+        let core = core(&mesh);
+        let history = history(&core, metric, order);
+        let mut sequence: Vec<usize> = (0..history.collapses.len()).collect();
+        let as_built = replay(&core, &history, &sequence, true);
+        sequence.sort_by(|a, b| history.collapses[*a].switch.total_cmp(&history.collapses[*b].switch));
+        prop_assert_eq!(as_built, replay(&core, &history, &sequence, false));
+    }
+
+    #[test]
+    fn the_order_of_the_input_does_not_matter(mesh in any_mesh(), seed in any::<u64>(), order in either_order()) {
+        prop_assert_eq!(
+            tree(&mesh, Metric::Quadric, order),
+            tree(&mesh.shuffled(seed), Metric::Quadric, order)
+        );
+    }
+
+    #[test]
+    fn a_scale_of_a_power_of_two_changes_nothing_else(mesh in any_mesh(), exponent in -40..40_i32) {
+        let factor = 2.0_f64.powi(exponent);
+        let mut scaled = mesh.clone();
+        scaled.positions.iter_mut().flatten().for_each(|value| *value *= factor);
+        let (tree, scaled) = (tree(&mesh, Metric::Quadric, Order::Rounds), tree(&scaled, Metric::Quadric, Order::Rounds));
+        prop_assert_eq!(&tree.roots, &scaled.roots);
+        prop_assert_eq!(&tree.triangles, &scaled.triangles);
+        for (split, other) in tree.splits.iter().zip(&scaled.splits) {
+            prop_assert_eq!((split.id, split.kept, split.born, split.cone), (other.id, other.kept, other.born, other.cone));
+            prop_assert_eq!((f64::from(split.switch) * factor) as f32, other.switch);
+        }
+    }
+
+    /// Fully refined is the input, fully coarse is one root per component and no triangle, and every triangle of any
+    /// uniform cut has three distinct corners.
+    #[test]
+    fn uniform_cuts_lead_from_the_input_to_the_roots(mesh in any_mesh(), order in either_order()) {
+        let core = core(&mesh);
+        let tree = tree(&mesh, Metric::Quadric, order);
+        let finest = cut::cut(&tree, |node| tree.splits[node.split as usize].switch > 0.0);
+        let place = |corner: u32| tree.positions[corner as usize].map(f32::to_bits);
+        let mut drawn: Vec<_> = cut::triangles(&tree, &finest).iter().map(|t| cut::smallest_first(t.map(place))).collect();
+        let input = |corner: u32| core.positions[corner as usize].map(f32::to_bits);
+        let mut expected: Vec<_> = core.triangles.iter().map(|t| cut::smallest_first(t.map(input))).collect();
+        drawn.sort();
+        expected.sort();
+        prop_assert_eq!(drawn, expected);
+        let coarsest = cut::cut(&tree, |_| false);
+        prop_assert_eq!(coarsest.len(), tree.roots.len());
+        prop_assert!(cut::triangles(&tree, &coarsest).is_empty());
+    }
+}
+
+#[test]
+fn a_closed_manifold_stays_one_down_to_the_tetrahedron() {
+    for metric in [Metric::Quadric, Metric::Length] {
+        let core = core(&sphere(3, 0.1, 7));
+        let history = history(&core, metric, Order::Rounds);
+        assert_eq!(history.legal, core.positions.len() - 4);
+        let mut plain = PlainMesh::new(&core.positions, &core.triangles);
+        for collapse in &history.collapses[..history.legal] {
+            plain.collapse(collapse.born, collapse.kept);
+            assert!(plain.doubled_edges().is_empty());
+        }
+        assert_eq!(plain.triangles.iter().flatten().count(), 4);
+    }
+}
+
+#[test]
+fn both_orders_reach_the_same_quality() {
+    let core = core(&sphere(4, 0.02, 3));
+    let mean = |order| {
+        let history = history(&core, Metric::Quadric, order);
+        // The middle of the simplification: the end is a matter of a few vertices.
+        let switches: Vec<f32> = history.collapses[..core.positions.len() * 9 / 10].iter().map(|c| c.switch).collect();
+        switches.iter().sum::<f32>() / switches.len() as f32
+    };
+    let (rounds, queue) = (mean(Order::Rounds), mean(Order::Queue));
+    assert!((rounds / queue - 1.0).abs() < 0.1, "{rounds} {queue}");
+}
+
+/// A flat sheet has no error but its outline's: a terrain's corners must stay to the last.
+#[test]
+fn the_outline_of_a_flat_sheet_keeps_its_corners() {
+    let mesh = sheet(16, 16, 0.0, 0, 1);
+    let tree = tree(&mesh, Metric::Quadric, Order::Rounds);
+    let active = cut::cut(&tree, |node| tree.splits[node.split as usize].switch > 1e-3);
+    let mut corners: Vec<_> = active.iter().map(|node| tree.positions[node.start as usize]).collect();
+    corners.sort_by(|a, b| a.partial_cmp(b).unwrap());
+    assert_eq!(corners, [[0.0, 0.0, 0.0], [0.0, 16.0, 0.0], [16.0, 0.0, 0.0], [16.0, 16.0, 0.0]]);
+    assert_eq!(cut::triangles(&tree, &active).len(), 2);
+}
+
+/// Parts vanish when the error allowed reaches their size, and not before.
+#[test]
+fn a_small_part_vanishes_at_its_diameter() {
+    let mut mesh = sheet(8, 8, 0.0, 0, 1);
+    mesh.append(&closed_box(), [20.0, 0.0, 0.0]);
+    let tree = tree(&mesh, Metric::Quadric, Order::Rounds);
+    let root_switches: Vec<f32> = tree.roots.iter().map(|root| tree.splits[root.split as usize].switch).collect();
+    assert_eq!(root_switches.len(), 2);
+    assert!(root_switches.iter().any(|switch| (switch - 3.0_f32.sqrt()).abs() < 1e-5), "{root_switches:?}");
+    assert!(root_switches.iter().any(|switch| (switch - 128.0_f32.sqrt()).abs() < 1e-4), "{root_switches:?}");
+}
