@@ -148,3 +148,66 @@ impl MeshSink for Gate<'_> {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use storage::MemoryDisk;
+
+    use super::*;
+
+    fn format_of(path: &str, bytes: impl AsRef<[u8]>) -> Result<MeshFormat, MeshError> {
+        let disk = MemoryDisk::new();
+        disk.insert(path, bytes.as_ref());
+        detect_format(&disk, Path::new(path))
+    }
+
+    /// A binary STL of no facets, whose header begins with `word`.
+    fn binary_stl(word: &str) -> Vec<u8> {
+        let mut bytes = word.as_bytes().to_vec();
+        bytes.resize(84, 0);
+        bytes
+    }
+
+    #[test]
+    fn the_first_bytes_tell_the_format_whatever_the_name() {
+        for (bytes, expected) in [
+            ("ply\nformat ascii 1.0\n", MeshFormat::Ply),
+            ("ply\r\n", MeshFormat::Ply),
+            ("\u{feff}ply\r", MeshFormat::Ply),
+            ("OFF 8 6 12", MeshFormat::Off),
+            ("# made by hand\n\n# in two lines\nSTCNOFF\n", MeshFormat::Off),
+            ("glTF\u{2}", MeshFormat::Gltf),
+            ("\n {\"asset\": {}}", MeshFormat::Gltf),
+            ("\u{feff}{", MeshFormat::Gltf),
+        ] {
+            for path in ["a", "a.ply", "a.obj", "a.stl", "a.glb", "a.txt"] {
+                assert_eq!(format_of(path, bytes).unwrap(), expected, "{path}: {bytes}");
+            }
+        }
+    }
+
+    #[test]
+    fn stl_and_obj_are_known_by_their_names_and_by_more_than_one_word_without_one() {
+        for path in ["a.stl", "a.STL"] {
+            for bytes in [b"anything".as_slice(), &binary_stl("ply\n"), &binary_stl("solid")] {
+                assert_eq!(format_of(path, bytes).unwrap(), MeshFormat::Stl);
+            }
+        }
+        for bytes in [binary_stl("COLOR="), binary_stl("solid"), b"  Solid a\nfacet".to_vec()] {
+            assert_eq!(format_of("a.bin", bytes).unwrap(), MeshFormat::Stl);
+        }
+        assert_eq!(format_of("a.Obj", "anything").unwrap(), MeshFormat::Obj);
+        assert_eq!(format_of("a", "# made by hand\nmtllib a.mtl\n").unwrap(), MeshFormat::Obj);
+        assert_eq!(format_of("a.txt", "v 1 2 3\n").unwrap(), MeshFormat::Obj);
+    }
+
+    #[test]
+    fn what_is_no_mesh_is_refused() {
+        assert!(matches!(format_of("a.ply", ""), Err(MeshError::Empty { .. })));
+        for (path, bytes) in
+            [("a.ply", "plywood"), ("a", "hello"), ("a.off", "8 6 12"), ("a.gltf", "<xml>"), ("a", "\n#")]
+        {
+            assert!(matches!(format_of(path, bytes), Err(MeshError::UnknownFormat { .. })), "{path}");
+        }
+    }
+}

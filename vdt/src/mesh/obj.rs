@@ -150,3 +150,162 @@ fn resolve(number: i64, vertices: i64) -> Result<i64, String> {
         _ => Err(format!("{number} counts back beyond the first of the {vertices} vertices so far")),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::testing::{
+        Collected, lengths_accepted, meshes, read_bytes, refusal, survives_altered_bytes, widened,
+    };
+    use super::*;
+
+    fn found(bytes: impl AsRef<[u8]>) -> Collected {
+        read_bytes(read, bytes).unwrap()
+    }
+
+    const QUAD: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0.5\n";
+
+    #[test]
+    fn corners_come_in_four_forms() {
+        let text = format!(
+            "{QUAD}vt 0 0\nvn 0 0 1\nf 1 2 3 4\nf 1/1 2/1 3/1\nf 1//1 2//1 3//1\nf 1/1/1 2/1/1 3/1/1\nf 1/ 2// 3\n"
+        );
+        let collected = found(text);
+        assert_eq!(collected.announced, None);
+        assert_eq!(collected.vertices, [[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.5]]);
+        let triangle = vec![0, 1, 2];
+        assert_eq!(collected.faces, [vec![0, 1, 2, 3], triangle.clone(), triangle.clone(), triangle.clone(), triangle]);
+    }
+
+    #[test]
+    fn negative_numbers_count_back_from_the_last_vertex_so_far() {
+        let collected = found(format!("{QUAD}f -4 -3 -1\nv 5 5 5\nf -1 -2/-1/-1 1\n"));
+        assert_eq!(collected.faces, [[0, 1, 3], [4, 3, 0]]);
+    }
+
+    #[test]
+    fn faces_may_name_vertices_that_are_still_to_come_or_do_not_exist() {
+        let collected = found(format!("f 1 2 3\n{QUAD}f 9 9223372036854775807 1\n"));
+        assert_eq!(collected.faces, [vec![0, 1, 2], vec![8, i64::MAX - 1, 0]]);
+    }
+
+    #[test]
+    fn weights_colours_and_comments_are_ignored() {
+        let collected = found(
+            "v 1 2 3 0.5\nv 1 2 3 0.1 0.2 0.3 # grey\n#v 9 9 9\n  v\t4 5 6\r\nf 1 2 3#4\r\n\r\n".replace("3#4", "3 #4"),
+        );
+        assert_eq!(collected.vertices, [[1.0, 2.0, 3.0], [1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+        assert_eq!(collected.faces, [[0, 1, 2]]);
+    }
+
+    #[test]
+    fn a_backslash_continues_a_line() {
+        let collected = found("v 1 \\\n 2 \\\r\n 3\nf 1 1\\\n 1 \\\n1\nvn 1 \\\n 2 3\nv 4 5 6\n");
+        assert_eq!(collected.vertices, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+        assert_eq!(collected.faces, [[0, 0, 0, 0]]);
+    }
+
+    #[test]
+    fn a_backslash_behind_a_name_continues_nothing() {
+        let text = "# C:\\meshes\\\nv 1 2 3\nmtllib C:\\meshes\\\nv 4 5 6\nunknown \\\nv 7 8 9\n";
+        assert_eq!(found(text).vertices.len(), 3);
+    }
+
+    #[test]
+    fn other_statements_are_stepped_over() {
+        let text = format!(
+            "mtllib a.mtl\no thing\ng a b\ns off\n{QUAD}usemtl red\nl 1 2 3\np 1 \\\n 2\ncstype bezier\nbanana 1\n\
+             vp 0.5\nfo 1 2 3\nf\nf 1 2\nend"
+        );
+        let collected = found(text);
+        assert_eq!(collected.vertices.len(), 4);
+        assert_eq!(collected.faces, [vec![0, 1, 2], vec![], vec![0, 1]]);
+    }
+
+    #[test]
+    fn broken_statements_say_where_and_what() {
+        for (text, expected) in [
+            ("v 1 2\n", "line 1: a vertex needs three coordinates"),
+            ("v 1 2 x\n", "line 1: 'x' is not a number"),
+            ("v 1 2 3\n\nf 1 0 1\n", "line 3: corner 1: '0' has a 0, but numbers count from 1"),
+            ("v 1 2 3\nf 1 1/0 1\n", "line 2: corner 1: '1/0' has a 0, but numbers count from 1"),
+            ("v 1 2 3\nf 1 1 \\\n -2\n", "line 3: corner 2: -2 counts back beyond the first of the 1 vertices so far"),
+            (
+                "f -9223372036854775808\n",
+                "line 1: corner 0: -9223372036854775808 counts back beyond the first of the 0 vertices so far",
+            ),
+            ("f 1 a 3\n", "line 1: corner 1: 'a' is not a corner such as '7', '7/3', '7//5' or '7/3/5'"),
+            ("f 1 1.0 3\n", "line 1: corner 1: '1.0' is not a corner such as '7', '7/3', '7//5' or '7/3/5'"),
+            ("f 1/x 2 3\n", "line 1: corner 0: '1/x' is not a corner such as '7', '7/3', '7//5' or '7/3/5'"),
+            ("f /1 2 3\n", "line 1: corner 0: '/1' is not a corner such as '7', '7/3', '7//5' or '7/3/5'"),
+            ("f 1/1/1/1 2 3\n", "line 1: corner 0: '1/1/1/1' has more than three numbers"),
+            (
+                "f 18446744073709551617 2 3\n",
+                "line 1: corner 0: '18446744073709551617' is not a corner such as '7', '7/3', '7//5' or '7/3/5'",
+            ),
+        ] {
+            assert_eq!(refusal(read, text), format!("file: {expected}"));
+        }
+    }
+
+    #[test]
+    fn a_file_without_a_single_statement_is_no_obj() {
+        for bytes in [b"".as_slice(), b"# only this\n", b"hello world\n", b"\x00\x01\x02\n\xff\xfe", b"PK\x03\x04 v"] {
+            assert!(matches!(read_bytes(read, bytes), Err(MeshError::UnknownFormat { .. })));
+        }
+        let message = refusal(read, [0xff; 100_000]);
+        assert_eq!(message, "file: line 1: a word of more than 4096 bytes; this does not look like a text file");
+        assert_eq!(found("o empty\n"), Collected::default());
+    }
+
+    #[test]
+    fn coordinates_that_are_no_numbers_get_to_the_gate() {
+        let collected = found("v nan -inf 1e999\n");
+        assert!(collected.vertices[0][0].is_nan());
+        assert_eq!(collected.vertices[0][1..], [f64::NEG_INFINITY, f64::INFINITY]);
+    }
+
+    #[test]
+    fn a_file_cut_or_altered_anywhere_does_no_harm() {
+        let text = format!("{QUAD}vt 0 0\nf 1/1/1 2 \\\n 3//1 -1\n");
+        let accepted = lengths_accepted(read, text.as_bytes());
+        // Every line end leaves a valid file.
+        let line_ends =
+            text.match_indices('\n').map(|(place, _)| place).filter(|&place| !text[..place].ends_with('\\'));
+        assert!(line_ends.into_iter().all(|place| accepted.contains(&place)));
+        survives_altered_bytes(read, text.as_bytes());
+    }
+
+    proptest! {
+        #[test]
+        fn every_variant_reads_back(
+            (vertices, faces) in meshes(),
+            form in 0..5,
+            end in prop::sample::select(vec!["\n", "\r\n", " \\\n \n", "   # comment\n\n"]),
+            extra in prop::sample::select(vec!["", " 1.0", " 0.1 0.2 0.3"]),
+        ) {
+            let mut text = format!("vt 0 0{end}vn 0 0 1{end}");
+            for [x, y, z] in widened(&vertices) {
+                text += &format!("v {x} {y} {z}{extra}{end}");
+            }
+            for face in &faces {
+                text += "f";
+                for corner in face {
+                    let number = corner + 1;
+                    text += &match form {
+                        0 => format!(" {number}"),
+                        1 => format!(" {number}/1"),
+                        2 => format!(" {number}//1"),
+                        3 => format!("\t{number}/1/1"),
+                        _ => format!(" {}", corner - vertices.len() as i64),
+                    };
+                }
+                text += end;
+            }
+            let collected = found(text);
+            prop_assert_eq!(collected.vertices, widened(&vertices));
+            prop_assert_eq!(collected.faces, faces);
+        }
+    }
+}

@@ -185,3 +185,135 @@ impl OffReader<'_> {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::testing::{
+        Collected, lengths_accepted, meshes, read_bytes, refusal, survives_altered_bytes, widened,
+    };
+    use super::*;
+
+    fn found(bytes: impl AsRef<[u8]>) -> Collected {
+        read_bytes(read, bytes).unwrap()
+    }
+
+    const BODY: &str = "0 0 0\n1 0 0\n1 1 0\n0 1 0.5\n4 0 1 2 3\n3 0 1 2 0.5 0.5 0.5\n";
+
+    fn expected() -> Collected {
+        Collected {
+            announced: Some((4, 2)),
+            vertices: vec![[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.5]],
+            faces: vec![vec![0, 1, 2, 3], vec![0, 1, 2]],
+        }
+    }
+
+    #[test]
+    fn counts_may_be_spread_and_edges_may_be_missing() {
+        for header in [
+            "OFF\n4 2 0\n",
+            "OFF 4 2 0\n",
+            "OFF\n4\n2\n5\n",
+            "OFF 4\n2 5\n",
+            "OFF 4 2\n",
+            "OFF\n4 2\n0\n\n",
+            "# first\n\nOFF # second\n# third\n4 2 0 # fourth\n\n",
+            "\u{feff}OFF\r\n4 2 0\r\n",
+        ] {
+            assert_eq!(found(format!("{header}{BODY}")), expected(), "{header:?}");
+        }
+        assert_eq!(found(format!("OFF\n4 2 0\n{BODY}").replace('\n', "\r\n")), expected());
+        assert_eq!(found(format!("OFF\n4 2 0\n{BODY}and more")), expected());
+        assert_eq!(found("OFF 0 0 0"), Collected { announced: Some((0, 0)), ..Collected::default() });
+    }
+
+    #[test]
+    fn extra_columns_and_comments_are_ignored() {
+        for (word, extra) in
+            [("COFF", " 255 0 0 255"), ("NOFF", " 0 0 1"), ("STOFF", " 0.5 0.5"), ("STCNOFF", " 0 0 1 1 1 1 1 0 0")]
+        {
+            let text = format!("{word}\n4 2 0\n{BODY}").replace(" 0\n1", &format!(" 0{extra}\n\n# comment\n1"));
+            assert_eq!(found(text), expected(), "{word}");
+        }
+    }
+
+    #[test]
+    fn odd_faces_get_to_the_gate() {
+        let collected = found("OFF 1 4 0\n0 0 nan\n0\n1 7\n2 0 -1\n3 0 0 9223372036854775807\n");
+        assert_eq!(collected.faces, [vec![], vec![7], vec![0, -1], vec![0, 0, i64::MAX]]);
+        assert!(collected.vertices[0][2].is_nan());
+    }
+
+    #[test]
+    fn other_kinds_are_refused_with_advice() {
+        let message = refusal(read, b"OFF BINARY\n\0\0\0\x04");
+        assert_eq!(message, "file: a binary OFF file is not supported; convert it to ASCII OFF or to binary PLY");
+        for word in ["4OFF", "nOFF", "STC4nOFF"] {
+            let message = refusal(read, format!("{word}\n4 2 0\n{BODY}"));
+            assert!(message.contains("of other than three dimensions is not supported; convert"), "{message}");
+        }
+        assert_eq!(refusal(read, "XOFF\n"), "file: line 1: expected 'OFF', found 'XOFF'");
+        assert_eq!(refusal(read, "#\n"), "file: line 2: expected 'OFF', found the end of the file");
+    }
+
+    #[test]
+    fn broken_lines_say_where_and_what() {
+        for (text, problem) in [
+            ("OFF\n4 x", "line 2: 'x' is not a number of faces"),
+            ("OFF\n-4 2 0", "line 2: '-4' is not a number of vertices"),
+            ("OFF\n4\n", "line 3: the file ends here, expected the number of faces"),
+            ("OFF 2 0 0\n0 0 0\n1 a 0\n", "vertex 1, line 3: expected a coordinate, found 'a'"),
+            ("OFF 2 0 0\n0 0 0\n1 0\n", "vertex 1, line 3: expected a coordinate, found the end of the line"),
+            ("OFF 2 0 0\n0 0 0\n", "vertex 1: the file ends here; the header promises 2 vertices"),
+            ("OFF 1 2 0\n0 0 0\n3 0 0 0\n\n", "face 1: the file ends here; the header promises 2 faces"),
+            ("OFF 1 1 0\n0 0 0\n3 0 0\n", "face 0, line 3: expected a vertex number, found the end of the line"),
+            ("OFF 1 1 0\n0 0 0\n-3 0 0 0\n", "face 0, line 3: expected a number of corners, found '-3'"),
+            ("OFF 1 1 0\n0 0 0\n3 0 0 1.5\n", "face 0, line 3: expected a vertex number, found '1.5'"),
+            (
+                "OFF 1 1 0\n0 0 0\n9223372036854775807 0\n",
+                "face 0, line 3: expected a vertex number, found the end of the line",
+            ),
+            (
+                "OFF 9223372036854775807 1 0\n0 0 0\n",
+                "vertex 1: the file ends here; the header promises 9223372036854775807 vertices",
+            ),
+        ] {
+            assert_eq!(refusal(read, text), format!("file: {problem}"));
+        }
+    }
+
+    #[test]
+    fn a_file_cut_or_altered_anywhere_does_no_harm() {
+        let text = format!("OFF\n4 2 0\n{BODY}");
+        // The colour behind the last face, and the line end, may be missing.
+        let complete = text.len() - " 0.5 0.5 0.5\n".len();
+        assert!(lengths_accepted(read, text.as_bytes()).iter().all(|&length| length >= complete));
+        survives_altered_bytes(read, text.as_bytes());
+    }
+
+    proptest! {
+        #[test]
+        fn every_variant_reads_back(
+            (vertices, faces) in meshes(),
+            word in prop::sample::select(vec![("OFF", ""), ("COFF", " 9 9 9 9"), ("NOFF", " 0 0 1"), ("STOFF", " 0 0")]),
+            end in prop::sample::select(vec!["\n", "\r\n", " # comment\n", "\n\n#\n"]),
+            colour in prop::sample::select(vec!["", " 0.5 0.5 0.5", " 7"]),
+        ) {
+            let mut text = format!("{}{end}{} {} 0{end}", word.0, vertices.len(), faces.len());
+            for [x, y, z] in widened(&vertices) {
+                text += &format!("{x} {y}  {z}{}{end}", word.1);
+            }
+            for face in &faces {
+                text += &format!("{}", face.len());
+                for corner in face {
+                    text += &format!(" {corner}");
+                }
+                text += &format!("{colour}{end}");
+            }
+            let collected = found(text);
+            prop_assert_eq!(collected.vertices, widened(&vertices));
+            prop_assert_eq!(collected.faces, faces);
+        }
+    }
+}

@@ -619,12 +619,7 @@ impl Source for Binary {
         rows.checked_mul(row_bytes as u64).is_some_and(|bytes| self.input.skip(bytes))
     }
 
-    fn quick_vertices(
-        &mut self,
-        layout: &VertexLayout,
-        rows: u64,
-        sink: &mut dyn MeshSink,
-    ) -> Result<u64, MeshError> {
+    fn quick_vertices(&mut self, layout: &VertexLayout, rows: u64, sink: &mut dyn MeshSink) -> Result<u64, MeshError> {
         let (order, [(x, _), (y, _), (z, _)]) = (self.order, layout.coordinates);
         if layout.coordinates.iter().all(|&(_, scalar)| scalar == Scalar::Float32) {
             let float = |row: &[u8], offset: usize| f32::from_le_bytes(little_endian(&row[offset..], order)).into();
@@ -741,7 +736,7 @@ fn read_row<S: Source>(
             }
             Step::Corners { count, entry } => {
                 for corner in 0..read_count(source, count)? {
-                    let index = source.value(entry)?.integer().map_err(|flaw| match flaw {
+                    let index = source.value(entry).and_then(Value::integer).map_err(|flaw| match flaw {
                         Flaw::Bad(problem) => Flaw::Bad(format!("corner {corner}: {problem}")),
                         other => other,
                     })?;
@@ -886,4 +881,524 @@ fn skip_element<S: Source>(path: &Path, element: &Element, source: &mut S) -> Re
     }
     let steps: Vec<Step> = element.properties.iter().map(skipping).collect();
     read_rows(path, element, 0, source, |source, _| read_row(source, &steps, |_| Ok(())))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+    use storage::MemoryDisk;
+
+    use super::super::testing::{
+        Collected, lengths_accepted, meshes, read_bytes, refusal, survives_altered_bytes, widened,
+    };
+    use super::super::{TriangleSink, read_mesh};
+    use super::*;
+
+    fn found(bytes: impl AsRef<[u8]>) -> Collected {
+        read_bytes(read, bytes).unwrap()
+    }
+
+    /// A file of the given format line and declarations, with the body behind it.
+    fn file(format: &str, declarations: &str, body: impl AsRef<[u8]>) -> Vec<u8> {
+        let mut bytes = format!("ply\nformat {format} 1.0\n{declarations}\nend_header\n").into_bytes();
+        bytes.extend_from_slice(body.as_ref());
+        bytes
+    }
+
+    const TRIANGLE: &str = "element vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+                            element face 1\nproperty list uchar int vertex_indices";
+
+    fn ascii_triangle() -> Vec<u8> {
+        file("ascii", TRIANGLE, "0 0 0\n1 0 0.5\n0 1 -2e3\n3 0 1 2\n")
+    }
+
+    fn expected_triangle() -> Collected {
+        Collected {
+            announced: Some((3, 1)),
+            vertices: vec![[0.0; 3], [1.0, 0.0, 0.5], [0.0, 1.0, -2000.0]],
+            faces: vec![vec![0, 1, 2]],
+        }
+    }
+
+    fn binary_triangle(big_endian: bool) -> Vec<u8> {
+        let mut body = Vec::new();
+        let mut push = |mut bytes: [u8; 4]| {
+            if big_endian {
+                bytes.reverse();
+            }
+            body.extend_from_slice(&bytes);
+        };
+        for value in [0_f32, 0.0, 0.0, 1.0, 0.0, 0.5, 0.0, 1.0, -2000.0] {
+            push(value.to_le_bytes());
+        }
+        body.push(3);
+        for index in [0_i32, 1, 2] {
+            let mut bytes = index.to_le_bytes();
+            if big_endian {
+                bytes.reverse();
+            }
+            body.extend_from_slice(&bytes);
+        }
+        file(if big_endian { "binary_big_endian" } else { "binary_little_endian" }, TRIANGLE, body)
+    }
+
+    #[test]
+    fn the_three_encodings_say_the_same() {
+        for bytes in [ascii_triangle(), binary_triangle(false), binary_triangle(true)] {
+            assert_eq!(found(bytes), expected_triangle());
+        }
+    }
+
+    #[test]
+    fn headers_may_have_comments_anywhere_and_any_line_ends() {
+        let text = "ply\ncomment made by hand\nformat ascii 1.0\ncomment element vertex 99\nobj_info \n\n\
+                    element vertex 1\ncomment\nproperty float x\nproperty float y \nproperty\tfloat z\nend_header\n\
+                    1 2 3\n";
+        for end in ["\n", "\r\n", "\r"] {
+            assert_eq!(found(text.replace('\n', end)).vertices, [[1.0, 2.0, 3.0]], "{end:?}");
+        }
+        assert_eq!(found(format!("\u{feff}{text}")).vertices.len(), 1);
+    }
+
+    #[test]
+    fn a_binary_body_that_begins_like_a_line_end_stays_whole() {
+        for end in ["\n", "\r\n", "\r"] {
+            let header = "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty uchar x\nproperty uchar y\n\
+                          property uchar z\nend_header\n";
+            let mut bytes = header.replace('\n', end).into_bytes();
+            bytes.extend_from_slice(b"\n\r\n");
+            assert_eq!(found(bytes).vertices, [[10.0, 13.0, 10.0]], "{end:?}");
+        }
+    }
+
+    #[test]
+    fn every_scalar_type_is_known_by_both_names() {
+        for (names, bytes, value) in [
+            (["char", "int8"], (-3_i8).to_le_bytes().to_vec(), -3.0),
+            (["uchar", "uint8"], 253_u8.to_le_bytes().to_vec(), 253.0),
+            (["short", "int16"], (-3000_i16).to_le_bytes().to_vec(), -3000.0),
+            (["ushort", "uint16"], 65000_u16.to_le_bytes().to_vec(), 65000.0),
+            (["int", "int32"], (-300_000_i32).to_le_bytes().to_vec(), -300_000.0),
+            (["uint", "uint32"], 4_000_000_000_u32.to_le_bytes().to_vec(), 4e9),
+            (["int64", "int64"], (-1_i64 << 40).to_le_bytes().to_vec(), -(2_f64.powi(40))),
+            (["uint64", "uint64"], (1_u64 << 63).to_le_bytes().to_vec(), 2_f64.powi(63)),
+            (["float", "float32"], 0.1_f32.to_le_bytes().to_vec(), f64::from(0.1_f32)),
+            (["double", "float64"], 0.1_f64.to_le_bytes().to_vec(), 0.1),
+        ] {
+            for name in names {
+                let declarations = format!("element vertex 1\nproperty {name} x\nproperty uchar y\nproperty double z");
+                let mut body = bytes.clone();
+                body.push(7);
+                body.extend_from_slice(&1.5_f64.to_le_bytes());
+                assert_eq!(found(file("binary_little_endian", &declarations, &body)).vertices, [[value, 7.0, 1.5]]);
+                let mut reversed: Vec<u8> = bytes.iter().rev().copied().collect();
+                reversed.push(7);
+                reversed.extend_from_slice(&1.5_f64.to_be_bytes());
+                assert_eq!(found(file("binary_big_endian", &declarations, &reversed)).vertices, [[value, 7.0, 1.5]]);
+            }
+        }
+    }
+
+    #[test]
+    fn what_nobody_wants_is_skipped() {
+        let declarations = "element camera 2\nproperty float fov\nproperty list uint double frustum\n\
+                            element light 1\nproperty short power\n\
+                            element empty 5\n\
+                            element vertex 1\nproperty uchar red\nproperty double z\nproperty list uchar short tags\n\
+                            property float y\nproperty float x\n\
+                            element edge 1\nproperty int vertex1\nproperty int vertex2";
+        let text = "90 2 0.5 0.25\n\n70 0\n3\n255 3 2 11 12 2 1\n0 0\n";
+        let expected = Collected { announced: Some((1, 0)), vertices: vec![[1.0, 2.0, 3.0]], faces: vec![] };
+        assert_eq!(found(file("ascii", declarations, text)), expected);
+        let mut body = Vec::new();
+        body.extend_from_slice(&90_f32.to_le_bytes());
+        body.extend_from_slice(&2_u32.to_le_bytes());
+        body.extend_from_slice(&[0xaa; 16]);
+        body.extend_from_slice(&70_f32.to_le_bytes());
+        body.extend_from_slice(&0_u32.to_le_bytes());
+        body.extend_from_slice(&[0xaa; 2]);
+        body.push(255);
+        body.extend_from_slice(&3_f64.to_le_bytes());
+        body.extend_from_slice(&[2, 0xaa, 0xaa, 0xaa, 0xaa]);
+        body.extend_from_slice(&2_f32.to_le_bytes());
+        body.extend_from_slice(&1_f32.to_le_bytes());
+        let without_edge = file("binary_little_endian", declarations, &body);
+        let message = refusal(read, without_edge);
+        assert_eq!(message, "file: edge 0: the file ends here; the header promises 1 rows of edge");
+        body.extend_from_slice(&[0xaa; 8]);
+        body.extend_from_slice(b"trailing bytes are tolerated");
+        assert_eq!(found(file("binary_little_endian", declarations, &body)), expected);
+    }
+
+    #[test]
+    fn faces_may_come_first_and_have_other_properties() {
+        let declarations = "element face 2\nproperty float quality\nproperty list uchar uint vertex_index\n\
+                            property list uchar float texcoord\nproperty uchar flags\n\
+                            element vertex 4\nproperty float x\nproperty float y\nproperty float z";
+        let text = "0.5 4 0 1 2 3 2 0.1 0.2 9\n0.5 3 3 1 -1 0 9\n0 0 0\n1 0 0\n1 1 0\n0 1 0";
+        let collected = found(file("ascii", declarations, text));
+        assert_eq!(collected.faces, [vec![0, 1, 2, 3], vec![3, 1, -1]]);
+        assert_eq!(collected.vertices.len(), 4);
+        assert_eq!(collected.announced, Some((4, 2)));
+    }
+
+    #[test]
+    fn strips_are_cut_into_triangles() {
+        let vertices = "element vertex 1\nproperty float x\nproperty float y\nproperty float z\n";
+        let declarations = format!("{vertices}element tristrips 1\nproperty list int int vertex_indices");
+        let collected = found(file("ascii", &declarations, "0 0 0\n12 0 1 2 3 -1 4 5 6 6 7 8 -1\n"));
+        assert_eq!(collected.faces, [[0, 1, 2], [2, 1, 3], [4, 5, 6], [7, 6, 8]].map(|face| face.to_vec()));
+        assert_eq!(collected.announced, Some((1, 0)));
+        let mut body = vec![0; 12];
+        // Far more corners than a face may have.
+        let count = 1_100_000_i32;
+        body.extend_from_slice(&count.to_le_bytes());
+        for index in 0..count {
+            body.extend_from_slice(&index.to_le_bytes());
+        }
+        let collected = found(file("binary_little_endian", &declarations, body));
+        assert_eq!(collected.faces.len() as i32, count - 2);
+        assert_eq!(collected.faces.last().unwrap()[2], i64::from(count) - 1);
+    }
+
+    #[test]
+    fn a_truncated_file_names_the_row_at_which_it_ends() {
+        let whole = binary_triangle(false);
+        let header = whole.len() - 36 - 13;
+        for (length, expected) in [
+            (header, "file: vertex 0: the file ends here; the header promises 3 vertices"),
+            (header + 35, "file: vertex 2: the file ends here; the header promises 3 vertices"),
+            (header + 36, "file: face 0: the file ends here; the header promises 1 faces"),
+            (whole.len() - 1, "file: face 0: the file ends here; the header promises 1 faces"),
+        ] {
+            assert_eq!(refusal(read, &whole[..length]), expected);
+        }
+        let text = file("ascii", TRIANGLE, "0 0 0\n1 0 0\n0 1");
+        assert_eq!(refusal(read, text), "file: vertex 2: the file ends here; the header promises 3 vertices");
+        assert_eq!(refusal(read, "ply\nformat ascii 1.0\n"), "file: header: the file ends before 'end_header'");
+    }
+
+    #[test]
+    fn a_file_cut_anywhere_is_refused() {
+        for big_endian in [false, true] {
+            assert!(lengths_accepted(read, &binary_triangle(big_endian)).is_empty());
+        }
+        let text = ascii_triangle();
+        // The last line end may be missing.
+        assert_eq!(lengths_accepted(read, &text), [text.len() - 1]);
+        for bytes in [ascii_triangle(), binary_triangle(false)] {
+            survives_altered_bytes(read, &bytes);
+        }
+    }
+
+    #[test]
+    fn absurd_counts_cost_nothing_and_are_refused() {
+        let huge = TRIANGLE.replace("vertex 3", "vertex 9223372036854775807");
+        let message = refusal(read, file("ascii", &huge, "0 0 0\n"));
+        let expected = "file: vertex 1: the file ends here; the header promises 9223372036854775807 vertices";
+        assert_eq!(message, expected);
+        let message = refusal(read, file("ascii", &TRIANGLE.replace("vertex 3", "vertex 99999999999999999999"), ""));
+        assert_eq!(message, "file: line 3: expected the number of rows, found '99999999999999999999'");
+        for format in ["binary_little_endian", "binary_big_endian"] {
+            let skipped = format!("element junk 4611686018427387904\nproperty double a\nproperty double b\n{TRIANGLE}");
+            let message = refusal(read, file(format, &skipped, [0; 40]));
+            let expected = "file: junk 2: the file ends here; the header promises 4611686018427387904 rows of junk";
+            assert_eq!(message, expected);
+        }
+        let lists = TRIANGLE.replace("uchar int", "uint int");
+        let mut body = vec![0; 36];
+        body.extend_from_slice(&0x8000_0000_u32.to_le_bytes());
+        body.extend_from_slice(&[0; 400]);
+        let message = refusal(read, file("binary_little_endian", &lists, &body));
+        assert_eq!(message, "file: face 0: the file ends here; the header promises 1 faces");
+        let skipped = lists.replace("vertex_indices", "junk\nproperty list uchar int vertex_indices");
+        let message = refusal(read, file("binary_little_endian", &skipped, &body));
+        assert_eq!(message, "file: face 0: the file ends here; the header promises 1 faces");
+        body.resize(5 << 20, 0);
+        let message = refusal(read, file("binary_little_endian", &lists, &body));
+        assert!(message.starts_with("file: face 0: a face of more than 1048576 corners is not supported"), "{message}");
+        let properties = "property float x\n".repeat(2000);
+        let message = refusal(read, format!("ply\nformat ascii 1.0\nelement vertex 1\n{properties}end_header\n"));
+        assert_eq!(message, "file: line 5: a second property 'x' of element 'vertex'");
+        let elements: String = (0..2000).map(|number| format!("element e{number} 0\n")).collect();
+        let message = refusal(read, format!("ply\nformat ascii 1.0\n{elements}end_header\n"));
+        assert_eq!(message, "file: header: more than 1000 elements and properties are declared");
+    }
+
+    #[test]
+    fn broken_headers_say_what_is_wrong() {
+        for (declarations, expected) in [
+            ("element vertex 1\nproperty float x\nproperty float y", "header: element 'vertex' has no property 'z'"),
+            (
+                "element vertex 1\nproperty list uchar float x\nproperty float y\nproperty float z",
+                "header: property 'x' of element 'vertex' is a list, not a number",
+            ),
+            ("element face 0", "header: there is no element 'vertex'"),
+            ("element vertex", "line 3: expected the number of rows, found the end of the line"),
+            ("element vertex -1", "line 3: expected the number of rows, found '-1'"),
+            ("property float x", "line 3: a property before the first element"),
+            (
+                "element vertex 1\nproperty real x",
+                "line 4: expected a type such as 'float', 'uchar' or 'list', found 'real'",
+            ),
+            (
+                "element vertex 1\nproperty float",
+                "line 4: expected the name of the property, found the end of the line",
+            ),
+            (
+                "element face 1\nproperty list uchar",
+                "line 4: expected the type of the list's entries, found the end of the line",
+            ),
+            ("element vertex 1\nelement vertex 2", "line 4: a second element 'vertex'"),
+            ("vertex 3", "line 3: 'vertex' is not a word of a PLY header"),
+            ("format ascii 1.0", "line 3: a second 'format'"),
+            ("end_header 1", "line 3: nothing may follow 'end_header' on its line"),
+        ] {
+            assert_eq!(refusal(read, file("ascii", declarations, "")), format!("file: {expected}"));
+        }
+        for (triangle, expected) in [
+            (
+                "property list uchar int corners",
+                "element 'face' has neither a property 'vertex_indices' nor 'vertex_index'",
+            ),
+            ("property int vertex_indices", "the corners of element 'face' are a number, not a list"),
+        ] {
+            let declarations = TRIANGLE.replace("property list uchar int vertex_indices", triangle);
+            let message = refusal(read, file("ascii", &declarations, "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"));
+            assert_eq!(message, format!("file: header: {expected}"));
+        }
+        assert_eq!(refusal(read, "plywood"), "file: line 1: a PLY file begins with 'ply', this one does not");
+        assert_eq!(refusal(read, "ply\nelement vertex 0\nend_header\n"), "file: header: there is no 'format' line");
+        let message = refusal(read, file("binary", "", ""));
+        assert!(message.contains("'binary_big_endian', found 'binary'"), "{message}");
+    }
+
+    #[test]
+    fn a_point_cloud_has_no_faces() {
+        let vertices = "element vertex 1\nproperty float x\nproperty float y\nproperty float z\n";
+        for faces in ["", "element face 0", "element face 0\nproperty list uchar int vertex_indices"] {
+            assert!(found(file("ascii", &format!("{vertices}{faces}"), "1 2 3\n")).faces.is_empty());
+        }
+    }
+
+    #[test]
+    fn broken_rows_say_where_and_what() {
+        for (body, expected) in [
+            ("0 0 0\n1 O 0\n", "vertex 1, line 11: 'O' is not a number"),
+            ("0 0 0\n1 0\n0 1 0\n", "vertex 1, line 11: the line ends before the row is complete"),
+            ("0 0 0\n1 0 0 5\n", "vertex 1, line 11: the line has more values than the header describes"),
+            ("0 0 0\n1 0 0\n0 1 0\n3 0 1.5 2\n", "face 0, line 13: corner 1: '1.5' is not a whole number"),
+            (
+                "0 0 0\n1 0 0\n0 1 0\n3 0 1 99999999999999999999\n",
+                "face 0, line 13: corner 2: '99999999999999999999' is not a whole number",
+            ),
+            ("0 0 0\n1 0 0\n0 1 0\n-3 0 1 2\n", "face 0, line 13: a list of -3 entries"),
+        ] {
+            assert_eq!(refusal(read, file("ascii", TRIANGLE, body)), format!("file: {expected}"));
+        }
+        let binary = |count: &str, entry: &str, list: &[u8]| {
+            let declarations = TRIANGLE.replace("uchar int", &format!("{count} {entry}"));
+            let mut body = vec![0; 36];
+            body.extend_from_slice(list);
+            file("binary_little_endian", &declarations, body)
+        };
+        let message = refusal(read, binary("char", "int", &[0xff; 13]));
+        assert!(message.ends_with(": a list of -1 entries") && message.starts_with("file: face 0, byte "), "{message}");
+        let message = refusal(read, binary("uchar", "uint64", &[[1].as_slice(), &[0xff; 8]].concat()));
+        assert!(message.ends_with(": corner 0: 18446744073709551615 is too large a number"), "{message}");
+        let message = refusal(read, binary("uchar", "float", &[[1].as_slice(), &1.5_f32.to_le_bytes()].concat()));
+        assert!(message.ends_with(": corner 0: 1.5 is not a whole number"), "{message}");
+        let large = binary("float", "uint", &[1_f32.to_le_bytes(), [0xff; 4]].concat());
+        assert_eq!(found(large).faces, [[i64::from(u32::MAX)]]);
+    }
+
+    struct Ignored;
+
+    impl TriangleSink for Ignored {
+        fn vertex(&mut self, _position: [f64; 3]) -> Result<(), MeshError> {
+            Ok(())
+        }
+
+        fn triangle(&mut self, _corners: [u64; 3]) -> Result<(), MeshError> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn coordinates_that_are_no_numbers_get_to_the_gate() {
+        for word in ["nan", "-inf", "1e999", "-nan(ind)"] {
+            let disk = MemoryDisk::new();
+            disk.insert("file", file("ascii", TRIANGLE, format!("0 0 0\n1 {word} 0\n0 1 0\n3 0 1 2\n")));
+            let error = read_mesh(&disk, Path::new("file"), &mut Ignored).unwrap_err();
+            assert!(matches!(error, MeshError::NotFinite { index: 1, axis: 'y', .. }), "{error}");
+        }
+    }
+
+    /// How a mesh is written: everything in which two files of the same mesh can differ.
+    #[derive(Debug, Clone)]
+    struct Variant {
+        format: &'static str,
+        coordinate: &'static str,
+        count: &'static str,
+        entry: &'static str,
+        order: Vec<&'static str>,
+        faces_first: bool,
+        around_list: (bool, bool),
+        list_name: &'static str,
+    }
+
+    fn variants() -> impl Strategy<Value = Variant> {
+        let whole = ["char", "uint8", "int16", "ushort", "int", "uint32", "int64", "uint64", "float", "double"];
+        (
+            prop::sample::select(vec!["ascii", "binary_little_endian", "binary_big_endian"]),
+            prop::sample::select(vec!["float", "float64"]),
+            prop::sample::select(whole.to_vec()),
+            prop::sample::select(whole.to_vec()),
+            prop::sample::subsequence(vec!["nx", "red", "tags", "s"], 0..=4),
+            any::<bool>(),
+            any::<(bool, bool)>(),
+            prop::sample::select(vec!["vertex_indices", "vertex_index"]),
+        )
+            .prop_flat_map(|(format, coordinate, count, entry, extra, faces_first, around_list, list_name)| {
+                let names = [vec!["x", "y", "z"], extra].concat();
+                let order = Just(names).prop_shuffle();
+                order.prop_map(move |order| Variant {
+                    format,
+                    coordinate,
+                    count,
+                    entry,
+                    order,
+                    faces_first,
+                    around_list,
+                    list_name,
+                })
+            })
+    }
+
+    /// Writes values one by one, in any encoding.
+    struct Body {
+        format: &'static str,
+        bytes: Vec<u8>,
+    }
+
+    impl Body {
+        fn push(&mut self, kind: &str, value: f64) {
+            if self.format == "ascii" {
+                self.bytes.extend_from_slice(format!("{value} ").as_bytes());
+                return;
+            }
+            let mut bytes = match kind {
+                "char" => (value as i8).to_le_bytes().to_vec(),
+                "uint8" => (value as u8).to_le_bytes().to_vec(),
+                "int16" => (value as i16).to_le_bytes().to_vec(),
+                "ushort" => (value as u16).to_le_bytes().to_vec(),
+                "int" => (value as i32).to_le_bytes().to_vec(),
+                "uint32" => (value as u32).to_le_bytes().to_vec(),
+                "int64" => (value as i64).to_le_bytes().to_vec(),
+                "uint64" => (value as u64).to_le_bytes().to_vec(),
+                "float" => (value as f32).to_le_bytes().to_vec(),
+                _ => value.to_le_bytes().to_vec(),
+            };
+            if self.format == "binary_big_endian" {
+                bytes.reverse();
+            }
+            self.bytes.extend_from_slice(&bytes);
+        }
+
+        fn end_row(&mut self) {
+            if self.format == "ascii" {
+                self.bytes.push(b'\n');
+            }
+        }
+    }
+
+    fn written(vertices: &[[f32; 3]], faces: &[Vec<i64>], variant: &Variant) -> Vec<u8> {
+        let kind_of = |name: &str| match name {
+            "x" | "y" | "z" => variant.coordinate,
+            "red" => "uint8",
+            "tags" => "list uchar int16",
+            _ => "float64",
+        };
+        let mut vertex_header = format!("element vertex {}\n", vertices.len());
+        for name in &variant.order {
+            vertex_header += &format!("property {} {name}\n", kind_of(name));
+        }
+        let mut face_header = format!("element face {}\n", faces.len());
+        if variant.around_list.0 {
+            face_header += "property int16 before\n";
+        }
+        face_header += &format!("property list {} {} {}\n", variant.count, variant.entry, variant.list_name);
+        if variant.around_list.1 {
+            face_header += "property float64 behind\n";
+        }
+        let mut vertex_body = Body { format: variant.format, bytes: Vec::new() };
+        for position in vertices {
+            for name in &variant.order {
+                match *name {
+                    "x" => vertex_body.push(variant.coordinate, position[0].into()),
+                    "y" => vertex_body.push(variant.coordinate, position[1].into()),
+                    "z" => vertex_body.push(variant.coordinate, position[2].into()),
+                    "tags" => {
+                        vertex_body.push("uint8", 2.0);
+                        vertex_body.push("int16", -1.0);
+                        vertex_body.push("int16", 1.0);
+                    }
+                    other => vertex_body.push(kind_of(other), 99.0),
+                }
+            }
+            vertex_body.end_row();
+        }
+        let mut face_body = Body { format: variant.format, bytes: Vec::new() };
+        for face in faces {
+            if variant.around_list.0 {
+                face_body.push("int16", 5.0);
+            }
+            face_body.push(variant.count, face.len() as f64);
+            for &corner in face {
+                face_body.push(variant.entry, corner as f64);
+            }
+            if variant.around_list.1 {
+                face_body.push("float64", 5.0);
+            }
+            face_body.end_row();
+        }
+        let (first, second) = ((vertex_header, vertex_body.bytes), (face_header, face_body.bytes));
+        let (first, second) = if variant.faces_first { (second, first) } else { (first, second) };
+        file(variant.format, format!("{}{}", first.0, second.0).trim_end(), [first.1, second.1].concat())
+    }
+
+    proptest! {
+        #[test]
+        fn every_variant_reads_back((vertices, faces) in meshes(), variant in variants()) {
+            let collected = found(written(&vertices, &faces, &variant));
+            prop_assert_eq!(collected.announced, Some((vertices.len() as u64, faces.len() as u64)));
+            prop_assert_eq!(collected.vertices, widened(&vertices));
+            prop_assert_eq!(collected.faces, faces);
+        }
+    }
+
+    #[test]
+    fn rows_that_straddle_windows_read_back() {
+        let vertices: Vec<[f32; 3]> = (0..25_000_u16).map(|index| [f32::from(index), 0.5, -1.0]).collect();
+        let faces: Vec<Vec<i64>> =
+            (0..30_000).map(|index| (0..index % 9).map(|corner| index / 2 + corner).collect()).collect();
+        for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
+            for order in [vec!["x", "y", "z"], vec!["red", "z", "x", "tags", "y"]] {
+                let variant = Variant {
+                    format,
+                    coordinate: "float",
+                    count: "uint8",
+                    entry: "int",
+                    order,
+                    faces_first: false,
+                    around_list: (false, true),
+                    list_name: "vertex_indices",
+                };
+                let declared = String::from_utf8_lossy(&written(&vertices, &faces, &variant)[..400]).into_owned();
+                assert!(declared.contains("list uint8 int"));
+                let collected = found(written(&vertices, &faces, &variant));
+                assert!(collected.vertices == widened(&vertices) && collected.faces == faces);
+            }
+        }
+    }
 }

@@ -183,3 +183,132 @@ fn read_ascii(path: &Path, scanner: Scanner, sink: &mut dyn MeshSink) -> Result<
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::testing::{Collected, lengths_accepted, read_bytes, refusal, survives_altered_bytes};
+    use super::*;
+
+    type Facet = [[f32; 3]; 3];
+
+    const FACETS: [Facet; 2] =
+        [[[0.0; 3], [1.0, 0.0, 0.5], [0.0, 1.0, -2000.0]], [[0.25; 3], [1.5, 0.0, 0.0], [0.0, 1.5, 0.0]]];
+
+    fn found(bytes: impl AsRef<[u8]>) -> Collected {
+        read_bytes(read, bytes).unwrap()
+    }
+
+    fn binary(header: &str, facets: &[Facet]) -> Vec<u8> {
+        let mut bytes = header.as_bytes().to_vec();
+        bytes.resize(80, b' ');
+        bytes.extend_from_slice(&(facets.len() as u32).to_le_bytes());
+        for facet in facets {
+            bytes.extend_from_slice(&[0xff; 12]);
+            bytes.extend(facet.iter().flatten().flat_map(|value| value.to_le_bytes()));
+            bytes.extend_from_slice(&[0x12, 0]);
+        }
+        bytes
+    }
+
+    fn ascii(facets: &[Facet]) -> String {
+        let mut text = "solid some name\n".to_string();
+        for facet in facets {
+            text += " facet normal 0 0 1\n  outer loop\n";
+            for [x, y, z] in facet {
+                text += &format!("   vertex {x} {y} {z}\n");
+            }
+            text += "  endloop\n endfacet\n";
+        }
+        text + "endsolid some name\n"
+    }
+
+    fn expected(facets: &[Facet], announced: bool) -> Collected {
+        let count = facets.len() as u64;
+        Collected {
+            announced: announced.then_some((count * 3, count)),
+            vertices: facets.iter().flatten().map(|position| position.map(f64::from)).collect(),
+            faces: (0..facets.len() as i64).map(|facet| vec![facet * 3, facet * 3 + 1, facet * 3 + 2]).collect(),
+        }
+    }
+
+    #[test]
+    fn both_encodings_say_the_same() {
+        assert_eq!(found(binary("made by hand", &FACETS)), expected(&FACETS, true));
+        assert_eq!(found(ascii(&FACETS)), expected(&FACETS, false));
+        assert_eq!(found(binary("", &[])), expected(&[], true));
+        assert_eq!(found(ascii(&[])), expected(&[], false));
+    }
+
+    #[test]
+    fn a_binary_file_may_begin_with_solid() {
+        assert_eq!(found(binary("solid facet", &FACETS)), expected(&FACETS, true));
+        let cut = &binary("solid facet", &FACETS)[..150];
+        assert_eq!(refusal(read, cut), "file: facet 1: the file ends here; the header promises 2 facets");
+    }
+
+    #[test]
+    fn ascii_is_free_in_case_space_and_number_of_solids() {
+        let text = ascii(&FACETS);
+        assert_eq!(found(text.to_uppercase()), expected(&FACETS, false));
+        assert_eq!(found(text.replace('\n', "\r\n")), expected(&FACETS, false));
+        assert_eq!(found(text.replace("normal 0 0 1\n", "normal nan ? - ")), expected(&FACETS, false));
+        assert_eq!(found(text.replace(" normal 0 0 1", "")), expected(&FACETS, false));
+        assert_eq!(found(format!("\u{feff}\n {text}")), expected(&FACETS, false));
+        let two = format!("{}\n\n{}", ascii(&FACETS[..1]), ascii(&FACETS[1..]));
+        assert_eq!(found(two), expected(&FACETS, false));
+    }
+
+    #[test]
+    fn broken_files_say_where_and_what() {
+        let text = ascii(&FACETS);
+        for (from, to, problem) in [
+            ("vertex 1.5", "vertex 1,5", "facet 1, line 12: '1,5' is not a number"),
+            ("vertex 1.5", "vortex 1.5", "facet 1, line 12: found 'vortex', expected 'vertex'"),
+            ("endloop", "vertex 0 0 0\nendloop", "facet 0, line 7: found 'vertex', expected 'endloop'"),
+            ("endsolid", "solid", "facet 2, line 16: found 'solid', expected 'facet' or 'endsolid'"),
+            ("endsolid some name\n", "", "facet 2, line 16: the file ends here, expected 'facet' or 'endsolid'"),
+            ("endsolid some name\n", "endsolid some name\nmore", "facet 2, line 17: found 'more', expected 'solid'"),
+        ] {
+            assert_eq!(refusal(read, text.replacen(from, to, 1)), format!("file: {problem}"));
+        }
+        let message = refusal(read, "too short");
+        assert!(message.starts_with("file: header: 9 bytes are too few for a binary STL"), "{message}");
+    }
+
+    #[test]
+    fn a_count_that_does_not_fit_the_size_is_refused() {
+        let mut bytes = binary("", &FACETS);
+        bytes.extend_from_slice(b"a few bytes more do not matter");
+        assert_eq!(found(&bytes), expected(&FACETS, true));
+        bytes[80] = 1;
+        let message = refusal(read, &bytes);
+        assert_eq!(message, "file: header: the header promises 1 facets, but 80 bytes follow the last of them");
+        bytes[80..84].fill(0xff);
+        let message = refusal(read, &bytes);
+        assert_eq!(message, "file: facet 2: the file ends here; the header promises 4294967295 facets");
+    }
+
+    #[test]
+    fn a_file_cut_or_altered_anywhere_does_no_harm() {
+        let bytes = binary("header", &FACETS);
+        assert!(lengths_accepted(read, &bytes).is_empty());
+        survives_altered_bytes(read, &bytes);
+        let text = ascii(&FACETS);
+        // The solid's name may be missing.
+        let complete = text.len() - " some name\n".len();
+        assert!(lengths_accepted(read, text.as_bytes()).iter().all(|&length| length >= complete));
+        survives_altered_bytes(read, text.as_bytes());
+    }
+
+    proptest! {
+        #[test]
+        fn both_encodings_read_back(facets: Vec<[[i16; 3]; 3]>, solid: bool) {
+            let facets: Vec<Facet> =
+                facets.iter().map(|facet| facet.map(|position| position.map(|value| f32::from(value) / 8.0))).collect();
+            prop_assert_eq!(found(binary(if solid { "solid" } else { "" }, &facets)), expected(&facets, true));
+            prop_assert_eq!(found(ascii(&facets)), expected(&facets, false));
+        }
+    }
+}
