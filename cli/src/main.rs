@@ -1,2 +1,52 @@
-//! The program.
-fn main() {}
+//! The program `vdt`: view-dependent models of triangle meshes of any size, in a RAM budget that the user sets.
+//!
+//! One file per command. What a command prints for people goes to standard output; with `--json` it is one JSON
+//! document and nothing else. Progress goes to standard error, on a terminal only. Exit codes: 0 done, 1 failed, 2 wrong
+//! usage.
+
+mod arguments;
+mod build;
+mod chart;
+mod demo;
+mod extract;
+mod generate;
+mod info;
+mod navigate;
+mod output;
+mod progress;
+mod verify;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use arguments::{Arguments, Command};
+
+fn main() -> ExitCode {
+    let Arguments { command, json } = Arguments::parse();
+    let result = match command {
+        Command::Demo(options) => demo::run(options, json),
+        Command::Generate(options) => generate::run(options, json),
+        Command::Build(options) => build::run(options, json),
+        Command::Info(options) => info::run(options, json),
+        Command::Verify(options) => verify::run(options, json),
+        Command::Extract(options) => extract::run(options, json),
+        Command::Navigate(options) => navigate::run(options, json),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("vdt: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Whoever read our output had enough of it (`vdt info … | head`): that is not a failure.
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error
+        .chain()
+        .filter_map(|cause| cause.downcast_ref::<std::io::Error>())
+        .any(|cause| cause.kind() == std::io::ErrorKind::BrokenPipe)
+}

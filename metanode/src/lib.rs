@@ -7,16 +7,26 @@
 //! | [`blocking`] | which splits share a meta-node, and in which order | the paper, 3.2; design, 4 |
 //! | [`write`] | writes a tree as a model file | |
 //! | [`model`] | a model file open for reading | |
+//! | [`mod@verify`] | checks a whole model file, believing nothing | design, 6 |
+//! | [`cut`] | uniform cuts, streaming: the mesh of one error | the paper, 3.3.1 |
+//! | [`mod@statistics`] | how full the pages are, how long the paths, where the bytes go | |
 //!
 //! The bytes of the file are documented in `docs/format.md`.
 
 mod bits;
 pub mod blocking;
+pub mod cut;
 pub mod header;
 pub mod model;
 pub mod page;
+pub mod statistics;
+pub mod verify;
+mod walk;
 pub mod write;
 
+pub use cut::{UniformCut, error_for_triangles};
+pub use statistics::{ModelStatistics, statistics};
+pub use verify::{VerifyError, VerifyReport, verify};
 pub use write::{ModelOptions, ModelSummary, WriteError, write_model};
 
 #[cfg(test)]

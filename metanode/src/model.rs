@@ -3,7 +3,7 @@
 //! RAM: 60 bytes for each root (component) and 16 for each root page; nothing else that grows with the model. Each page
 //! is one positioned read. The file is shared by as many threads as like.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use storage::{Disk, ReadAt};
@@ -71,6 +71,30 @@ impl Model {
         Page::with_slot_bytes(self.header.slot_bytes as usize)
     }
 
+    /// The indices of the roots, by the page that their splits are in.
+    pub(crate) fn roots_by_page(&self) -> Vec<u32> {
+        let mut indices: Vec<u32> = (0..self.roots.len() as u32).collect();
+        indices.sort_by_key(|index| self.roots[*index as usize].page.number);
+        indices
+    }
+
+    /// Of the indices that [`Model::roots_by_page`] gave, those of the roots in page `number`.
+    pub(crate) fn roots_in_page<'a>(&self, by_page: &'a [u32], number: u32) -> &'a [u32] {
+        let first = by_page.partition_point(|index| self.roots[*index as usize].page.number < number);
+        let count = by_page[first..].partition_point(|index| self.roots[*index as usize].page.number == number);
+        &by_page[first..first + count]
+    }
+
+    /// Fills `buffer` from byte `offset` of the file on.
+    pub(crate) fn read_bytes(&self, offset: u64, buffer: &mut [u8]) -> Result<(), ModelError> {
+        Ok(self.file.read_exact_at(offset, buffer)?)
+    }
+
+    /// The error that says that meta-node `number` is not as it must be.
+    pub(crate) fn damaged_page(&self, number: u32, problem: impl Into<String>) -> ModelError {
+        ModelError::Damaged { path: self.path().into(), part: format!("meta-node {number}"), problem: problem.into() }
+    }
+
     /// Reads and decodes the page at `location` into `page`. `staging` is scratch space for the encoded bytes; it grows
     /// to the largest encoded page of the model and no further.
     pub fn read_page(&self, location: PageLocation, staging: &mut Vec<u8>, page: &mut Page) -> Result<(), ModelError> {
@@ -81,14 +105,12 @@ impl Model {
                 "a reference to {} bytes at byte {} leads out of the pages of this file",
                 location.length, location.offset
             );
-            let part = format!("meta-node {}", location.number);
-            return Err(ModelError::Damaged { path: self.path().into(), part, problem });
+            return Err(self.damaged_page(location.number, problem));
         }
         staging.resize(location.length as usize, 0);
         self.file.read_exact_at(location.offset, staging)?;
-        let path = || PathBuf::from(self.path());
         page.decode(staging, location, self.header.leaf_count).map_err(|source| ModelError::Page {
-            path: path(),
+            path: self.path().into(),
             location,
             source,
         })

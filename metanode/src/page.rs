@@ -490,6 +490,15 @@ pub fn encoded_length(counts: PageCounts) -> usize {
     counts.decoded_bytes() + 4
 }
 
+/// Bytes that a page takes in the file, by its first [`HEADER_WORDS`] words there.
+pub(crate) fn encoded_length_by_header(words: &[u32; HEADER_WORDS]) -> u64 {
+    let table = u64::from(high(words[2])) * CHILD_PAGE_WORDS as u64;
+    let records = u64::from(low(words[2])) * RECORD_WORDS as u64;
+    let entries = u64::from(high(words[3])) * ENTRY_WORDS as u64;
+    let triangles = u64::from(words[4]) * TRIANGLE_WORDS as u64;
+    (HEADER_WORDS as u64 + table + records + entries + triangles) * 4 + 4
+}
+
 /// The bytes of a page in the file.
 pub fn encoded(parts: &PageParts) -> Vec<u8> {
     let counts = parts.counts();

@@ -473,12 +473,22 @@ mod tests {
                 let blocks = blocking::block(&tree, blocking).unwrap();
                 let blocked = start.elapsed();
                 let start = std::time::Instant::now();
-                let (_, summary) = model_bytes(&tree, blocking);
+                let (bytes, summary) = model_bytes(&tree, blocking);
+                let written = start.elapsed();
+                let model = open_bytes(bytes).unwrap();
+                let start = std::time::Instant::now();
+                crate::verify(&model, &mut |_| ()).unwrap();
+                let verified = start.elapsed();
+                let start = std::time::Instant::now();
+                let cut = crate::UniformCut::new(&model, 0.0).unwrap();
+                cut.for_each_vertex(|_| Ok::<_, crate::header::ModelError>(())).unwrap();
+                cut.for_each_triangle(|_| Ok::<_, crate::header::ModelError>(())).unwrap();
+                let cut = start.elapsed();
                 let roots: u32 = blocks.pages.iter().map(|page| page.root_count).sum();
                 let mean_roots = f64::from(roots) / f64::from(summary.pages);
                 println!(
-                    "{shape:?} {blocking}: blocked in {blocked:?}, all in {:?}, {mean_roots:.1} roots a page, {summary:?}",
-                    start.elapsed()
+                    "{shape:?} {blocking}: blocked in {blocked:.2?}, blocked and written in {written:.2?}, verified in {verified:.2?}, \
+                     whole cut in {cut:.2?}, {mean_roots:.1} roots a page, {summary:?}"
                 );
             }
         }

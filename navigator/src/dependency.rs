@@ -29,24 +29,28 @@ pub enum Dependency {
     None,
 }
 
-/// A neighbour of an active node that has to be split before it.
+/// A neighbour of an active node that has to be split before it: its id is greater (or equal, in a damaged file).
 pub fn blocking_neighbour(front: &Front, node: u32) -> Option<u32> {
     let id = front.id(node);
-    front.star(node).flatten().find(|neighbour| front.id(*neighbour) > id)
+    front.star(node).flatten().find(|neighbour| front.id(*neighbour) >= id)
 }
 
 /// A third corner of the triangles born by the split of `node`, which was just prepared, that has to be split before.
 pub fn blocking_third(front: &Front, node: u32) -> Option<u32> {
     let id = front.id(node);
-    front.thirds().iter().copied().find(|third| front.id(*third) > id)
+    front.thirds().iter().copied().find(|third| front.id(*third) >= id)
 }
 
-/// Of the children of the node that was just split those that came to be when a third corner was gone.
-pub fn late_children(front: &Front, node: u32) -> impl Iterator<Item = u32> {
-    let earliest = front.thirds().iter().map(|third| front.parent_id(*third)).min();
-    let children = front.children(node);
-    let ids = children.map(|child| front.id(child));
-    (0..2).filter(move |child| earliest.is_some_and(|earliest| ids[*child] >= earliest)).map(move |child| children[child])
+/// When the first of the third corners of the split prepared last is gone: the children of the node that is split must
+/// not have come to be as late. `None` without third corners.
+pub fn thirds_are_gone(front: &Front) -> Option<u32> {
+    front.thirds().iter().map(|third| front.parent_id(*third)).min()
+}
+
+/// Whether an active node came to be when a neighbour was gone, so that it has to be split.
+pub fn is_late(front: &Front, node: u32) -> bool {
+    let id = front.id(node);
+    front.star(node).flatten().any(|neighbour| front.parent_id(neighbour) <= id)
 }
 
 /// Whether a node around its children keeps a collapsible node from being restored.

@@ -154,8 +154,7 @@ impl Front {
             thirds: Vec::with_capacity(born_capacity),
         };
         for root in roots {
-            let sphere =
-                Sphere { position: root.position, radius: root.radius, switch: root.switch, cone: root.cone };
+            let sphere = Sphere { position: root.position, radius: root.radius, switch: root.switch, cone: root.cone };
             let shape = Shape { sphere, page: root.page.number, state: State::Active };
             front.new_node(
                 shape,

@@ -29,7 +29,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use hashbrown::HashMap;
 use metanode::page::Page;
-use parking_lot::{Mutex, MutexGuard, RwLock, RwLockReadGuard, RwLockWriteGuard};
+use parking_lot::{Mutex, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
 use crate::front::NONE;
 
@@ -119,6 +119,9 @@ pub enum Room {
     Slot {
         /// The slot.
         slot: u32,
+        /// Whether the page that is still in it counts in the references of its parent and children, and is to be
+        /// taken out of them first.
+        refers: bool,
     },
     /// There is no room for it.
     None,
@@ -168,15 +171,20 @@ impl State {
         Some(slot)
     }
 
-    /// Empties the slot and gives it to `page`.
-    fn allocate(&mut self, slot: u32, page: u32) {
-        let entry = &mut self.slots[slot as usize];
-        let previous = std::mem::replace(&mut entry.page, page);
-        (entry.stage, entry.references, entry.held, entry.refers) = (Stage::Loading, 0, false, false);
-        if previous != NONE {
-            self.table.remove(&previous);
+    /// Takes the slot out of the hash table, and out of the free list, and gives it to `page`.
+    fn allocate(&mut self, slot: u32, page: u32) -> Room {
+        let previous = self.slots[slot as usize];
+        if previous.is_free {
+            self.unlink(slot);
+        }
+        if previous.stage != Stage::Empty {
+            self.table.remove(&previous.page);
         }
         self.table.insert(page, slot);
+        let entry = &mut self.slots[slot as usize];
+        (entry.page, entry.stage, entry.references) = (page, Stage::Loading, 0);
+        (entry.held, entry.refers) = (false, false);
+        Room::Slot { slot, refers: previous.refers }
     }
 }
 
@@ -276,16 +284,15 @@ impl Pool {
     }
 
     /// Puts a slot that nobody needs any more at the end of the free list.
-    fn flush_if_idle(&self, state: &mut MutexGuard<'_, State>, slot: u32) {
+    fn flush_if_idle(&self, state: &mut State, slot: u32) {
         let entry = state.slots[slot as usize];
         let idle = entry.references == 0 && !entry.held && self.usage(slot) == 0;
         if !idle || entry.is_free || entry.stage == Stage::Loading {
             return;
         }
-        if !self.second_chance && entry.page != NONE {
+        if !self.second_chance && entry.stage == Stage::Ready {
             state.table.remove(&entry.page);
-            let entry = &mut state.slots[slot as usize];
-            (entry.page, entry.stage, entry.refers) = (NONE, Stage::Empty, false);
+            state.slots[slot as usize].stage = Stage::Empty;
         }
         state.append(slot);
     }
@@ -303,10 +310,9 @@ impl Pool {
                 Room::None
             }
             slot => {
-                state.unlink(slot);
-                state.allocate(slot, page);
+                let room = state.allocate(slot, page);
                 state.slots[slot as usize].references = 1;
-                Room::Slot { slot }
+                room
             }
         }
     }
@@ -342,25 +348,29 @@ impl Pool {
             return Room::None;
         }
         let slot = match state.first_free {
-            NONE => {
-                let count = self.pages.len();
-                let hand = state.hand;
-                let is_spare = |slot: &usize| state.slots[*slot].stage == Stage::Ready && self.usage(*slot as u32) == 0;
-                let Some(spare) = (0..count).map(|step| (hand + step) % count).find(is_spare) else {
-                    return Room::None;
-                };
-                state.hand = (spare + 1) % count;
-                spare as u32
-            }
-            slot => {
-                state.unlink(slot);
-                slot
-            }
+            NONE => match self.spare_slot(&state) {
+                Some(spare) => {
+                    state.hand = spare + 1;
+                    spare as u32
+                }
+                None => return Room::None,
+            },
+            slot => slot,
         };
-        state.allocate(slot, page);
+        let room = state.allocate(slot, page);
         state.slots[slot as usize].held = true;
         state.counters.urgent += 1;
-        Room::Slot { slot }
+        room
+    }
+
+    /// The first found slot whose page is only prefetched; one that somebody asked for urgently only where all are.
+    fn spare_slot(&self, state: &State) -> Option<usize> {
+        let count = self.pages.len();
+        let is_spare = |slot: &usize| state.slots[*slot].stage == Stage::Ready && self.usage(*slot as u32) == 0;
+        let mut spare = (0..count).map(|step| (state.hand + step) % count).filter(is_spare);
+        let first = spare.next()?;
+        let is_held = |slot: &usize| state.slots[*slot].held;
+        if is_held(&first) { Some(spare.find(|slot| !is_held(slot)).unwrap_or(first)) } else { Some(first) }
     }
 
     /// The page of a slot that was given out to be filled.
@@ -379,32 +389,71 @@ impl Pool {
                 self.flush_if_idle(&mut state, slot);
             }
             None => {
-                let entry = &mut state.slots[slot as usize];
-                let page = std::mem::replace(&mut entry.page, NONE);
-                (entry.stage, entry.references, entry.held) = (Stage::Empty, 0, false);
+                let page = state.slots[slot as usize].page;
                 state.table.remove(&page);
+                let entry = &mut state.slots[slot as usize];
+                (entry.stage, entry.references, entry.held) = (Stage::Empty, 0, false);
                 state.append(slot);
             }
         }
     }
 
-    /// Notes whether the page in the slot is counted in the references of its parent and children from now on, as it
-    /// is to be while it is in use (or, at the start, a root's); the page, if that is a change. `always` counts it even
-    /// though it is not in use. One that is not in use any more is not held any more either.
-    pub fn update_references(&self, slot: u32, always: bool) -> Option<ReferenceChange> {
+    /// Whether the page in the slot is to be counted in the references of its parent and children from now on, or not
+    /// any more, where that changes. It is to be while it is in use; `always` counts it even so (the root pages, at the
+    /// start). One that is not in use any more is not held any more either.
+    pub fn update_references(&self, slot: u32, always: bool) -> Option<bool> {
         let mut state = self.state.lock();
-        let is_used = self.usage(slot) > 0;
+        let refers = self.usage(slot) > 0 || always;
         let entry = &mut state.slots[slot as usize];
-        if entry.stage != Stage::Ready {
-            return None;
-        }
-        let refers = is_used || always;
-        let change = (entry.refers != refers).then_some(ReferenceChange { page: entry.page, refers });
+        let change = (entry.refers != refers).then_some(refers);
         entry.refers = refers;
-        if !is_used && !always {
+        if !refers {
             entry.held = false;
             self.flush_if_idle(&mut state, slot);
         }
         change
+    }
+
+    /// Checks all that must hold of the pool between two operations (invariant 5); says what does not.
+    pub fn check(&self) -> Result<(), String> {
+        let state = self.state.lock();
+        let mut listed = vec![false; self.pages.len()];
+        let (mut slot, mut before) = (state.first_free, NONE);
+        while slot != NONE {
+            let entry = state.slots[slot as usize];
+            if std::mem::replace(&mut listed[slot as usize], true) || entry.before != before {
+                return Err(format!("the free list is broken at slot {slot}"));
+            }
+            (before, slot) = (slot, entry.after);
+        }
+        if state.last_free != before {
+            return Err(format!("the free list ends at slot {before}, not {}", state.last_free));
+        }
+        let (mut in_use, mut in_table) = (0, 0);
+        for (slot, entry) in state.slots.iter().enumerate() {
+            let usage = self.usage(slot as u32);
+            in_use += usize::from(usage > 0);
+            let idle = usage == 0 && entry.references == 0 && !entry.held && entry.stage != Stage::Loading;
+            if idle != listed[slot] || idle != entry.is_free {
+                return Err(format!("slot {slot}: {entry:?}, used {usage} times, in the free list: {}", listed[slot]));
+            }
+            if usage > 0 && entry.stage != Stage::Ready {
+                return Err(format!("slot {slot} is in use, and not ready"));
+            }
+            in_table += usize::from(entry.stage != Stage::Empty);
+            if entry.stage != Stage::Empty && state.table.get(&entry.page) != Some(&(slot as u32)) {
+                return Err(format!("slot {slot} with page {} is not in the hash table", entry.page));
+            }
+            if entry.stage == Stage::Ready && self.page(slot as u32).number() != entry.page {
+                return Err(format!("slot {slot} holds another page than {}", entry.page));
+            }
+        }
+        if in_table != state.table.len() {
+            return Err(format!("the hash table has {} entries for {in_table} pages", state.table.len()));
+        }
+        if in_use != state.in_use || (in_use > 0 && in_use == self.pages.len()) {
+            return Err(format!("{in_use} of {} slots are in use, {} counted", self.pages.len(), state.in_use));
+        }
+        Ok(())
     }
 }

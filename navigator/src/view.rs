@@ -1,7 +1,8 @@
 //! The view parameters of a frame (the paper, 3.3.1): how large the error of a node is on the screen.
 //!
 //! The error of a node in pixels is `switch * height / (2 tan(fov / 2)) / distance`, where the distance is that from
-//! the eye to the node's bounding sphere; with the eye inside the sphere it is infinite. A sixteenth of that counts
+//! the eye to the node's bounding sphere; it counts as no less than a ten-thousandth of the model's diagonal, nearer than
+//! any near plane, so that with the eye inside the sphere the error is large but finite. A sixteenth of that counts
 //! where the sphere is outside the view frustum, or where every normal in the node's cone points away from the eye
 //! from every point in the sphere.
 //!
@@ -10,12 +11,16 @@
 //! nodes with too large an error form the tops of the trees.
 
 use glam::{DVec3, Vec3};
+use metanode::header::Header;
 use vdt::tree::NormalCone;
 
 use crate::camera::{Camera, CameraError};
 
 /// By how much the error of what cannot be seen is divided.
 pub const UNSEEN_DIVISOR: f32 = 16.0;
+
+/// The least distance, in diagonals of the model's bounding box.
+const NEAREST: f64 = 1e-4;
 
 /// What the error of a node depends on.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,11 +43,13 @@ pub struct View {
     planes: [Vec3; 5],
     /// Pixels that one mesh unit takes at a distance of one mesh unit.
     scale: f32,
+    /// The least distance that counts, in mesh units.
+    nearest: f32,
 }
 
 impl View {
-    /// The view of a `width` × `height` pixel screen; `origin` is that of the model.
-    pub fn new(camera: &Camera, origin: [f64; 3], width: u32, height: u32) -> Result<Self, CameraError> {
+    /// The view of a `width` × `height` pixel screen, of the model with this header.
+    pub fn new(camera: &Camera, header: &Header, width: u32, height: u32) -> Result<Self, CameraError> {
         let frame = camera.frame()?;
         let tall = camera.half_height();
         let wide = tall * f64::from(width) / f64::from(height.max(1));
@@ -54,19 +61,17 @@ impl View {
             frame.forward * tall + frame.up,
         ];
         Ok(View {
-            eye: (camera.eye - DVec3::from_array(origin)).as_vec3(),
+            eye: (camera.eye - DVec3::from_array(header.origin)).as_vec3(),
             planes: planes.map(|normal| normal.normalize().as_vec3()),
             scale: (f64::from(height) / (2.0 * tall)) as f32,
+            nearest: ((header.diagonal() * NEAREST) as f32).max(f32::MIN_POSITIVE),
         })
     }
 
     /// Error of a node in pixels.
     pub fn pixel_error(&self, sphere: &Sphere) -> f32 {
         let to_node = Vec3::from_array(sphere.position) - self.eye;
-        let distance = to_node.length() - sphere.radius;
-        if distance <= 0.0 {
-            return f32::INFINITY;
-        }
+        let distance = (to_node.length() - sphere.radius).max(self.nearest);
         let error = sphere.switch * self.scale / distance;
         if self.outside(to_node, sphere.radius) || turned_away(to_node, sphere.radius, sphere.cone) {
             error / UNSEEN_DIVISOR
@@ -134,13 +139,20 @@ impl Threshold<'_> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::LazyLock;
+
     use proptest::prelude::*;
+    use vdt::tree::Tree;
 
     use super::*;
+    use crate::testing;
+
+    static VIEW: LazyLock<View> = LazyLock::new(view);
 
     fn view() -> View {
         let camera: Camera = "100 0 0  101 0 0  0 0 1  90".parse().unwrap();
-        View::new(&camera, [100.0, 0.0, 0.0], 200, 100).unwrap()
+        let model = testing::model_of(&Tree { origin: [100.0, 0.0, 0.0], ..testing::grid_tree(30, 40, 1) });
+        View::new(&camera, model.header(), 200, 100).unwrap()
     }
 
     fn sphere(position: [f32; 3], radius: f32) -> Sphere {
@@ -153,7 +165,9 @@ mod tests {
         // 100 pixels are 2 units at distance 1.
         assert_eq!(view.pixel_error(&sphere([10.0, 0.0, 0.0], 0.0)), 5.0);
         assert_eq!(view.pixel_error(&sphere([10.0, 0.0, 0.0], 5.0)), 10.0);
-        assert_eq!(view.pixel_error(&sphere([1.0, 0.0, 0.0], 1.0)), f32::INFINITY);
+        // The diagonal is about 50 units: 0.005 at the least.
+        assert!((9_000.0..11_000.0).contains(&view.pixel_error(&sphere([1.0, 0.0, 0.0], 1.0))));
+        assert!((9_000.0..11_000.0).contains(&view.pixel_error(&sphere([1.0, 0.0, 0.0], 7.0))));
         let behind = view.pixel_error(&sphere([-10.0, 0.0, 0.0], 0.0));
         assert_eq!(behind, 5.0 / 16.0);
         // Half the picture is 1 unit high and 2 units wide at distance 1.
@@ -192,7 +206,7 @@ mod tests {
             axis in prop::array::uniform3(-127_i8..=127),
             sine in 0_u8..=255,
         ) {
-            let view = view();
+            let view = *VIEW;
             let cone = NormalCone { axis, sine };
             let parent = Sphere { position, radius, switch: 1.0, cone };
             let inner = radius * part;

@@ -18,6 +18,16 @@ pub struct ParseByteSizeError {
 
 const UNITS: [(char, u64); 4] = [('K', 1 << 10), ('M', 1 << 20), ('G', 1 << 30), ('T', 1 << 40)];
 
+impl ByteSize {
+    /// A size at least this large, as it is written on a command line: whole kilobytes below 1 M, whole megabytes above.
+    pub fn as_argument(self) -> String {
+        match self.0 {
+            ..0x10_0000 => format!("{}K", self.0.div_ceil(1 << 10)),
+            _ => format!("{}M", self.0.div_ceil(1 << 20)),
+        }
+    }
+}
+
 impl FromStr for ByteSize {
     type Err = ParseByteSizeError;
 
@@ -77,5 +87,7 @@ mod tests {
         assert_eq!(ByteSize(512).to_string(), "512 B");
         assert_eq!(ByteSize(16 << 20).to_string(), "16 MiB");
         assert_eq!(ByteSize(1_600_000).to_string(), "1.5 MiB");
+        assert_eq!(ByteSize(1).as_argument(), "1K");
+        assert_eq!(ByteSize((16 << 20) + 1).as_argument(), "17M");
     }
 }

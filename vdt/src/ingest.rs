@@ -16,14 +16,13 @@
 //!    tree bit by bit. No absolute tolerance is used anywhere.
 //!
 //! Memory: 24 bytes for each vertex and 12 for each triangle of the file while it is read, 20 more for each vertex
-//! while it is sorted; [`crate::build::Needs`] adds it up.
+//! while it is sorted; [`crate::build::needs`] adds it up.
 
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
 use storage::{ByteSize, Disk};
 
-use crate::build::Needs;
 use crate::mesh::{MeshError, ReadSummary, TriangleSink, read_mesh};
 
 /// What was changed on the way in. None of it changes the surface; all of it is told to the user.
@@ -41,6 +40,8 @@ pub struct CleaningCounts {
     pub degenerate_faces: u64,
     /// Polygons of more than three corners: cut into triangles.
     pub polygons: u64,
+    /// Points, lines and curves: left out, they are no part of a surface.
+    pub skipped_elements: u64,
 }
 
 /// A mesh in RAM, in canonical form.
@@ -69,21 +70,33 @@ pub struct FileCounts {
 
 /// Reads mesh files into RAM as one mesh, in canonical form.
 ///
+/// `needs` says how much memory a mesh of a given size takes for whatever is to be done with it.
+///
 /// # Errors
 ///
 /// Those of [`read_mesh`]; [`MeshError::OverMemory`] with the number needed where the mesh does not fit in `memory`:
 /// then the rest of the files was still counted, but not kept.
-pub fn load(disk: &dyn Disk, paths: &[PathBuf], memory: ByteSize) -> Result<(CoreMesh, FileCounts), MeshError> {
-    let mut loader = Loader::new(memory);
+pub fn load(
+    disk: &dyn Disk,
+    paths: &[PathBuf],
+    memory: ByteSize,
+    needs: &dyn Fn(FileCounts) -> ByteSize,
+) -> Result<(CoreMesh, FileCounts), MeshError> {
+    let mut loader = Loader::new(Some(memory), needs);
     for path in paths {
         loader.read(disk, path)?;
     }
     loader.finish(paths)
 }
 
+/// Bytes that reading a mesh into canonical form takes at the peak.
+pub fn reading_needs(counts: FileCounts) -> ByteSize {
+    ByteSize(counts.vertices.saturating_mul(64).saturating_add(counts.triangles.saturating_mul(12)))
+}
+
 /// Counts what mesh files hold, without keeping any of it.
 pub fn count(disk: &dyn Disk, paths: &[PathBuf]) -> Result<FileCounts, MeshError> {
-    let mut loader = Loader::new(ByteSize(0));
+    let mut loader = Loader::new(None, &reading_needs);
     for path in paths {
         loader.read(disk, path)?;
     }
@@ -91,8 +104,10 @@ pub fn count(disk: &dyn Disk, paths: &[PathBuf]) -> Result<FileCounts, MeshError
 }
 
 /// Keeps what is read as long as it fits; counts it in any case.
-struct Loader {
-    memory: ByteSize,
+struct Loader<'a> {
+    /// What the mesh may take; nothing is kept without it.
+    memory: Option<ByteSize>,
+    needs: &'a dyn Fn(FileCounts) -> ByteSize,
     counts: FileCounts,
     /// Where the vertices of the file being read begin.
     first_vertex: u64,
@@ -102,13 +117,14 @@ struct Loader {
     cleaning: CleaningCounts,
 }
 
-impl Loader {
-    fn new(memory: ByteSize) -> Self {
+impl<'a> Loader<'a> {
+    fn new(memory: Option<ByteSize>, needs: &'a dyn Fn(FileCounts) -> ByteSize) -> Self {
         Loader {
             memory,
+            needs,
             counts: FileCounts::default(),
             first_vertex: 0,
-            keeping: true,
+            keeping: memory.is_some(),
             positions: Vec::new(),
             triangles: Vec::new(),
             cleaning: CleaningCounts::default(),
@@ -117,15 +133,16 @@ impl Loader {
 
     fn read(&mut self, disk: &dyn Disk, path: &Path) -> Result<(), MeshError> {
         self.first_vertex = self.counts.vertices;
-        let ReadSummary { polygons, degenerate_faces, .. } = read_mesh(disk, path, self)?;
+        let ReadSummary { polygons, degenerate_faces, left_out, .. } = read_mesh(disk, path, self)?;
         self.cleaning.polygons += polygons;
         self.cleaning.degenerate_faces += degenerate_faces;
+        self.cleaning.skipped_elements += left_out;
         Ok(())
     }
 
     /// Whether this many elements fit; once they do not, what was kept is let go.
     fn fits(&mut self, counts: FileCounts) -> bool {
-        self.keeping = self.keeping && Needs::of(counts).in_core() <= self.memory;
+        self.keeping = self.keeping && self.memory.is_some_and(|memory| (self.needs)(counts) <= memory);
         if !self.keeping {
             self.positions = Vec::new();
             self.triangles = Vec::new();
@@ -133,28 +150,36 @@ impl Loader {
         self.keeping
     }
 
-    fn finish(self, paths: &[PathBuf]) -> Result<(CoreMesh, FileCounts), MeshError> {
-        if !self.keeping {
-            let needed = Needs::of(self.counts).in_core();
-            return Err(MeshError::OverMemory {
-                path: paths.first().cloned().unwrap_or_default(),
-                vertices: self.counts.vertices,
-                triangles: self.counts.triangles,
-                needed,
-                limit: self.memory,
-                advice: format!("{}M", needed.0.div_ceil(1 << 20)),
-            });
+    fn finish(mut self, paths: &[PathBuf]) -> Result<(CoreMesh, FileCounts), MeshError> {
+        if !self.fits(self.counts) {
+            return Err(over_memory(paths, self.counts, (self.needs)(self.counts), self.memory.unwrap_or(ByteSize(0))));
         }
-        let name = |index: usize| (paths.first().cloned().unwrap_or_default(), index);
-        let mesh = canonical(self.positions, self.triangles, self.cleaning).map_err(|index| {
-            let (path, index) = name(index);
+        let mesh = canonical(std::mem::take(&mut self.positions), std::mem::take(&mut self.triangles), self.cleaning)
+            .map_err(|index| {
+            let path = paths.first().cloned().unwrap_or_default();
             MeshError::malformed(&path, format!("vertex {index}"), "the coordinates are too large for single precision")
         })?;
+        // Only now is it known how many vertices a soup really has.
+        let counts = FileCounts { vertices: mesh.positions.len() as u64, triangles: mesh.triangles.len() as u64 };
+        if !self.fits(counts) {
+            return Err(over_memory(paths, counts, (self.needs)(counts), self.memory.unwrap_or(ByteSize(0))));
+        }
         Ok((mesh, self.counts))
     }
 }
 
-impl TriangleSink for Loader {
+fn over_memory(paths: &[PathBuf], counts: FileCounts, needed: ByteSize, limit: ByteSize) -> MeshError {
+    MeshError::OverMemory {
+        path: paths.first().cloned().unwrap_or_default(),
+        vertices: counts.vertices,
+        triangles: counts.triangles,
+        needed,
+        limit,
+        advice: needed.as_argument(),
+    }
+}
+
+impl TriangleSink for Loader<'_> {
     fn announce(&mut self, vertices: u64, faces: u64) -> Result<(), MeshError> {
         let FileCounts { vertices: old_vertices, triangles: old_faces } = self.counts;
         let promised =

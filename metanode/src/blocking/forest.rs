@@ -3,9 +3,12 @@
 //! A page is handed the roots of a set of subtrees, by ascending leaf. It takes their splits, then always the one with
 //! the greatest id (so the greatest switch value) whose parent it has, as long as one fits into the slot. The frontier,
 //! that is the children of its splits that it did not take, by ascending leaf, is cut into contiguous groups of about
-//! equal weight, one for each child page. How many groups: *bottom-full* (`facts/codec.md`, 1). If what remains takes
-//! L full pages, and L is at most the fan-out k, as many groups as fill pages; otherwise L / kʲ, with the smallest j
-//! for which the groups' own page trees have j levels. So the pages at the bottom, which are most, are full.
+//! equal weight, one for each child page. How many groups: *bottom-full*. Let L be the pages that the frontier takes
+//! when its subtrees are packed in order. If L is at most the fan-out k, there are L groups, and each is a whole page;
+//! otherwise L / kʲ, rounded up, with the smallest j that keeps this at most k. So the pages at the bottom, which are
+//! most, are full: pages of 32 KiB with k = 8 come to 0.91 to 0.93 on meshes of 171 K to 540 K vertices. (With the plain
+//! sum of the weights in place of the packing, subtrees that are large beside a page spilled over into pages with little
+//! in them: 0.7 with k = 32.)
 //!
 //! The first page is handed the roots of all trees. A tree's root which does not fit goes on into a child page, to be
 //! judged there among the others; the root of a subtree does not, since its parent's entry can only lead into a child
@@ -14,8 +17,9 @@
 //! split that is due is counted with a child page of its own for each of its children, so that never makes a page too
 //! large. Only a split that does not fit into a slot by itself does; it has a page of its own.
 //!
-//! Time: O(n log s) for n splits and s splits in a page, unless trees are many and small. Memory: 12 bytes for each leaf
-//! and 36 for each page, and one bit for each leaf and 8 bytes for each subtree root of one level of the page tree.
+//! Time: O(n log s) for n splits and s in a page; a tree's root that goes on from page to page counts each time. Memory:
+//! 12 bytes for each leaf, 36 for each page and one bit for each leaf, and for each subtree that waits for its page on
+//! one level of the page tree 8, for those of one page 50 more.
 
 use std::collections::{BinaryHeap, VecDeque};
 use std::ops::RangeInclusive;
@@ -66,14 +70,20 @@ struct Forest<'a> {
     fan_out: usize,
 }
 
-/// Blocks `tree` into pages of `slot_bytes` bytes, decoded, with up to `fan_out` child pages.
-pub fn block(tree: &Tree, slot_bytes: u32, fan_out: u32) -> Result<Blocks, BlockingError> {
+/// Whether there can be pages of so many bytes with so many child pages.
+pub fn check_parameters(slot_bytes: u32, fan_out: u32) -> Result<(), BlockingError> {
     if !SLOT_BYTES.contains(&slot_bytes) {
         return Err(BlockingError::SlotBytes { slot_bytes });
     }
     if !FAN_OUT.contains(&fan_out) {
         return Err(BlockingError::FanOut { fan_out });
     }
+    Ok(())
+}
+
+/// Blocks `tree` into pages of `slot_bytes` bytes, decoded, with up to `fan_out` child pages.
+pub fn block(tree: &Tree, slot_bytes: u32, fan_out: u32) -> Result<Blocks, BlockingError> {
+    check_parameters(slot_bytes, fan_out)?;
     let preorder = outline::preorder(tree)?;
     let split_count = preorder.len();
     let mut forest = Forest {
@@ -208,10 +218,10 @@ impl Forest<'_> {
         let capacity = self.capacity as u64;
         let fan_out = self.fan_out as u64;
         let count = |heaviest| groups(&frontier, heaviest, due_at_most).count() as u64;
-        let pages = total.div_ceil(capacity);
         let full_pages = count(capacity);
+        let pages = total.div_ceil(capacity).max(full_pages);
         let wanted = if pages <= fan_out {
-            full_pages.min(fan_out)
+            full_pages
         } else {
             let mut below = fan_out;
             while below.saturating_mul(fan_out) < pages {

@@ -14,11 +14,14 @@ use super::{BlockingError, Blocks, outline, root_page};
 /// How many levels a page may have. A page of 15 levels has up to 65,534 child entries, the most that 16 bits can tell.
 pub const LEVELS: RangeInclusive<u32> = 1..=15;
 
+/// Whether there can be pages of so many levels.
+pub fn check_parameters(levels: u32) -> Result<(), BlockingError> {
+    if LEVELS.contains(&levels) { Ok(()) } else { Err(BlockingError::Levels { levels }) }
+}
+
 /// Blocks `tree` into pages of `levels` levels.
 pub fn block(tree: &Tree, levels: u32) -> Result<Blocks, BlockingError> {
-    if !LEVELS.contains(&levels) {
-        return Err(BlockingError::Levels { levels });
-    }
+    check_parameters(levels)?;
     let split_count = outline::preorder(tree)?.len();
     let mut blocks = Blocks { order: Vec::with_capacity(split_count), ..Blocks::default() };
     // The roots of the pages, in the order of the pages.

@@ -8,7 +8,8 @@
 //!
 //! Both give the same thing, [`Blocks`]: for each page its splits in breadth-first order, the page's roots first. Pages
 //! are numbered breadth-first over the page tree, root pages first, so the children of a page have consecutive numbers.
-//! Memory: 4 bytes for each leaf and 36 for each page; while it is made, up to 17 bytes for each leaf on top.
+//! Memory: 4 bytes for each leaf and 36 for each page; while it is made, up to 9 bytes for each leaf on top, and what
+//! waits on one level of the page tree.
 
 pub mod forest;
 pub mod levels;
@@ -184,6 +185,15 @@ impl Blocks {
 fn children(tree: &Tree, split: u32) -> impl Iterator<Item = u32> {
     let node = &tree.splits[split as usize];
     [node.kept, node.born].into_iter().filter(|child| *child != NO_SPLIT)
+}
+
+/// Whether a blocking with these parameters can be: what [`block`] asks first, for those who want to know before they
+/// have a tree.
+pub fn check_parameters(blocking: Blocking) -> Result<(), BlockingError> {
+    match blocking {
+        Blocking::Forest { slot_bytes, fan_out } => forest::check_parameters(slot_bytes, fan_out),
+        Blocking::Levels { levels } => levels::check_parameters(levels),
+    }
 }
 
 /// Blocks `tree` as `blocking` says.

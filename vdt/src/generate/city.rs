@@ -1,7 +1,7 @@
 //! City: very many separate parts, and everything that a mesh can be beside a closed surface.
 //!
 //! Exactly as many triangles as asked for: the grounds take what the buildings leave. The city is a square of lots,
-//! about `sqrt(triangles) / 2` of them (one at 10 triangles, 500 at a million), of up to a dozen parts each:
+//! about `sqrt(triangles) / 2` of them (one at 10 triangles, 500 at a million), of up to some twenty parts each:
 //!
 //! | part | what it is |
 //! |---|---|
@@ -14,10 +14,9 @@
 //! | block | a single closed box |
 //!
 //! The sides of a block are cut as finely as its share of the triangles allows: from two triangles a side to very
-//! many. Kinds take turns, so that from some 500 triangles on each of them is there; below that only what the
-//! triangles suffice for, and always at least a ground and one closed part. Parts stand in one another (an antenna
-//! in its tower) but share no place with a vertex of another part: no two vertices of the file are equal. There are
-//! no T-junctions. Units are metres; lots are 100 m apart.
+//! many. Kinds take turns, so that from some 1000 triangles on each of them is there; below that only what the
+//! triangles suffice for, and always two parts or more. Parts stand in one another (an antenna in its tower), but no
+//! two vertices of the file are in one place, and there are no T-junctions. Units are metres; lots are 100 m apart.
 //!
 //! Memory: the parts of one lot, a few kilobytes.
 

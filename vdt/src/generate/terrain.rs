@@ -21,7 +21,7 @@ const SIDE: f64 = 10_000.0;
 /// How far a vertex is moved from its crossing, in distances to the nearest line. Below 1/4 no triangle turns over.
 const JITTER: f64 = 0.15;
 /// The largest ridges: how many wavelengths to the side.
-const FIRST_FREQUENCY: f64 = 2.7;
+const FIRST_FREQUENCY: f64 = 3.7;
 /// From octave to octave: the wavelength goes down by a little more than half, so that lattices do not line up.
 const FREQUENCY_STEP: f64 = 2.03;
 /// From octave to octave: the height goes down a little faster than the wavelength, so that slopes stay bounded.
@@ -96,15 +96,15 @@ impl Terrain {
         let bent_y = y + 0.05 * self.bend[1].flat(x * 3.7, y * 3.7);
         let (mut sum, mut weight, mut amplitude, mut frequency) = (0.0, 1.0, 1.0, FIRST_FREQUENCY);
         for octave in &self.octaves {
-            // The crest is where the noise goes through 0. Valleys stay smooth: there the finer octaves weigh less.
+            // The crest is where the noise goes through 0. Valleys are smoother: there the finer octaves weigh less.
             let crest = (1.0 - octave.flat(bent_x * frequency, bent_y * frequency).abs()).max(0.0);
             let ridge = crest * crest * weight;
             sum += ridge * amplitude;
-            weight = (ridge * 1.4).min(1.0);
+            weight = (0.15 + ridge * 1.3).min(1.0);
             amplitude *= AMPLITUDE_STEP;
             frequency *= FREQUENCY_STEP;
         }
-        0.02 * relief + 0.1 * (0.25 + 0.75 * range) * sum
+        0.025 * relief + 0.08 * (0.25 + 0.75 * range) * sum
     }
 }
 

@@ -7,7 +7,7 @@ use storage::{FaultyDisk, MemoryDisk};
 use super::*;
 
 const FEW: [u64; 14] = [10, 11, 12, 13, 16, 24, 25, 31, 50, 100, 333, 999, 1000, 1001];
-const MANY: [u64; 3] = [5003, 20_000, 60_000];
+const MANY: [u64; 2] = [5003, 20_000];
 
 struct Mesh {
     positions: Vec<[f32; 3]>,
@@ -172,7 +172,7 @@ impl Mesh {
 fn every_shape_is_sound_and_has_the_promised_number_of_triangles() {
     for shape in Shape::ALL {
         for triangles in FEW.into_iter().chain(MANY) {
-            for seed in [0, 1, u64::MAX] {
+            for seed in [0, u64::MAX] {
                 let name = format!("{shape} of {triangles}, seed {seed}");
                 let mesh = make(shape, triangles, seed);
                 let even = matches!(shape, Shape::Sphere | Shape::Gyroid);
@@ -187,7 +187,7 @@ fn every_shape_is_sound_and_has_the_promised_number_of_triangles() {
 #[test]
 fn any_number_of_triangles_will_do() {
     for shape in Shape::ALL {
-        for triangles in 10..600 {
+        for triangles in (10..130).chain((130..1000).step_by(29)) {
             let mesh = make(shape, triangles, triangles);
             let name = format!("{shape} of {triangles}");
             mesh.check_soundness(&name);
@@ -207,7 +207,9 @@ fn the_bytes_are_these() {
         bytes.iter().fold(0xcbf2_9ce4_8422_2325u64, |sum, &byte| (sum ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3))
     };
     let sums = Shape::ALL.map(|shape| format!("{shape} {:016x}", sum(&bytes_of(shape, 5001, 7))));
-    assert_eq!(sums, ["", "", "", ""]);
+    let expected =
+        ["terrain c0f45b3de95322f8", "sphere d7f56028ec470325", "gyroid a8296b753aee730d", "city cb06e98df716e290"];
+    assert_eq!(sums, expected);
 }
 
 #[test]
@@ -235,14 +237,13 @@ fn terrain_is_a_sheet_without_folds() {
 
 #[test]
 fn terrain_looks_like_mountains() {
-    for seed in 0..12 {
+    for seed in 0..6 {
         let mesh = make(Shape::Terrain, 40_000, seed);
         let extent = |axis: usize| {
             let values = mesh.positions.iter().map(|place| f64::from(place[axis]));
             values.clone().fold(f64::NEG_INFINITY, f64::max) - values.fold(f64::INFINITY, f64::min)
         };
         let [width, depth, height] = [0, 1, 2].map(extent);
-        println!("seed {seed}: {width:.0} by {depth:.0}, {height:.0} high");
         assert!((width - 10_000.0).abs() < 150.0 && (depth - 10_000.0).abs() < 150.0, "{width} by {depth}");
         assert!(height > 0.08 * width && height < 0.22 * width, "seed {seed}: {height} high");
 
@@ -255,13 +256,14 @@ fn terrain_looks_like_mountains() {
             .collect();
         slopes.sort_by(f64::total_cmp);
         let at = |share: f64| slopes[(share * (slopes.len() - 1) as f64) as usize];
-        println!("  slopes: median {:.2}, 99 % {:.2}, most {:.2}", at(0.5), at(0.99), at(1.0));
+        assert!(at(0.5) > 0.25 && at(0.5) < 1.0, "seed {seed}: median slope {}", at(0.5));
+        assert!(at(0.99) < 3.0 && at(1.0) < 8.0, "seed {seed}: slopes of {} and {}", at(0.99), at(1.0));
 
         // Triangles seen from above: the sampling is denser here than there.
         let mut areas: Vec<f64> = mesh.triangles.iter().map(|&triangle| mesh.normal(triangle)[2]).collect();
         areas.sort_by(f64::total_cmp);
         let spacing = (areas[areas.len() * 99 / 100] / areas[areas.len() / 100]).sqrt();
-        println!("  spacing varies by {spacing:.1}");
+        assert!(spacing > 3.0 && spacing < 8.0, "seed {seed}: spacing varies by {spacing}");
     }
 }
 
@@ -277,7 +279,7 @@ fn the_sphere_is_closed_and_star_shaped() {
             normal[0] * corner[0] + normal[1] * corner[1] + normal[2] * corner[2] > 0.0
         };
         assert!(mesh.triangles.iter().all(outward), "{name}: a triangle turned inward");
-        println!("{name}: worst quality {}", mesh.worst_quality());
+        assert!(mesh.worst_quality() > 0.25, "{name}: a sliver, quality {}", mesh.worst_quality());
     }
 }
 
@@ -289,7 +291,7 @@ fn the_gyroid_is_closed_and_full_of_holes() {
         mesh.check_manifold(true, &name);
         assert!(mesh.volume() > 0.0, "{name}: inside out");
         let genus = mesh.components() as i64 - mesh.euler_characteristic() / 2;
-        println!("{name}: {genus} handles, {} pieces, worst quality {}", mesh.components(), mesh.worst_quality());
+        assert!(mesh.worst_quality() > 0.02, "{name}: a sliver, quality {}", mesh.worst_quality());
         assert!(genus >= handles, "{name}: {genus} handles");
         // Within the block, give or take a part of a lattice edge.
         let within = |place: &[f32; 3]| place[0].abs() < 55.0 && place[1].abs() < 55.0;
@@ -305,14 +307,6 @@ fn the_city_has_everything_that_a_mesh_can_have() {
             let mesh = make(Shape::City, triangles, seed);
             let uses = mesh.edge_uses();
             let with = |count: usize| uses.values().filter(|&&uses| uses == count).count();
-            println!(
-                "{name}: {} parts, {} boundary edges, {} of three, {} of four, {} split vertices",
-                mesh.components(),
-                with(1),
-                with(3),
-                with(4),
-                mesh.split_vertices()
-            );
             assert!(mesh.components() >= parts, "{name}: {} parts", mesh.components());
             assert!(with(1) > 0 && with(3) > 0 && with(4) > 0 && mesh.split_vertices() > 0, "{name}");
             assert_eq!(with(1) + with(2) + with(3) + with(4), uses.len(), "{name}");

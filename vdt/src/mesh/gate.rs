@@ -19,7 +19,8 @@ use super::{Face, MeshError, MeshFormat, MeshSink, ReadSummary, TriangleSink, Ve
 /// sink refuses. What was pushed before an error is to be thrown away.
 pub fn read_mesh(disk: &dyn Disk, path: &Path, sink: &mut dyn TriangleSink) -> Result<ReadSummary, MeshError> {
     let format = detect_format(disk, path)?;
-    let summary = ReadSummary { format, vertices: 0, faces: 0, triangles: 0, polygons: 0, degenerate_faces: 0 };
+    let summary =
+        ReadSummary { format, vertices: 0, faces: 0, triangles: 0, polygons: 0, degenerate_faces: 0, left_out: 0 };
     let mut gate = Gate { path, sink, summary, highest: None };
     reader_of(format)(disk, path, &mut gate)?;
     gate.finish()
@@ -146,6 +147,10 @@ impl MeshSink for Gate<'_> {
             _ => self.summary.degenerate_faces += 1,
         }
         Ok(())
+    }
+
+    fn left_out(&mut self, elements: u64) {
+        self.summary.left_out += elements;
     }
 }
 

@@ -221,11 +221,15 @@ impl Asset<'_> {
 
     /// Pushes the vertices and faces of one instance, behind `pushed` vertices so far.
     fn read_instance(&self, instance: &Instance, pushed: &mut i64, sink: &mut dyn MeshSink) -> Result<(), MeshError> {
+        let primitives = self.primitives(instance)?;
+        if let Some(mesh) = self.document.meshes.get(instance.mesh) {
+            sink.left_out((mesh.primitives.len() - primitives.len()) as u64);
+        }
         let mirrored = instance.transform.is_some_and(|transform| transform.mirrors());
         // The first vertex and the number of vertices of each accessor of positions. Attributes, once they are read,
         // belong into the key.
         let mut known: HashMap<usize, (i64, u64)> = HashMap::new();
-        for (place, triangles) in self.primitives(instance)? {
+        for (place, triangles) in primitives {
             let (first, count) = match known.get(&triangles.positions) {
                 Some(&range) => range,
                 None => {

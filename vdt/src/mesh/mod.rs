@@ -70,6 +70,9 @@ pub trait MeshSink {
 
     /// The next face of the file.
     fn face(&mut self, face: Face<'_>) -> Result<(), MeshError>;
+
+    /// The file holds geometry that is no part of a surface (points, lines, curves): this many elements were left out.
+    fn left_out(&mut self, elements: u64);
 }
 
 /// Where [`read_mesh`] puts what passed its checks.
@@ -131,6 +134,8 @@ pub struct ReadSummary {
     pub polygons: u64,
     /// Faces of fewer than three corners: they have no area and were left out.
     pub degenerate_faces: u64,
+    /// Elements that are no part of a surface (points, lines, curves): left out.
+    pub left_out: u64,
 }
 
 /// What is wrong with a mesh file, or with reading it. Each message names the file, the element and its index.
@@ -206,8 +211,8 @@ pub enum MeshError {
     },
     /// The mesh does not fit in the memory that the caller allows.
     #[error(
-        "{}: {vertices} vertices and {triangles} triangles need {needed} of memory to build in core, \
-         and the limit is {limit}; run again with --memory {advice}",
+        "{}: {vertices} vertices and {triangles} triangles need {needed} of RAM, and {limit} are allowed; \
+         run again with --memory {advice}",
         path.display()
     )]
     OverMemory {

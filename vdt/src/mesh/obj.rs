@@ -44,6 +44,10 @@ pub fn read(disk: &dyn Disk, path: &Path, sink: &mut dyn MeshSink) -> Result<(),
                 sink.face(Face::new(corners.as_slice()))?;
             }
             Statement::Numbers => scanner.skip_words()?,
+            Statement::LeftOut => {
+                scanner.skip_words()?;
+                sink.left_out(1);
+            }
             // Names and the like may end with a backslash that joins nothing.
             Statement::Text | Statement::Unknown => {}
         }
@@ -59,6 +63,8 @@ enum Statement {
     Face,
     /// Known, of no interest, and made of numbers: may go on in the next line.
     Numbers,
+    /// Geometry that is no part of a surface of triangles, made of numbers: points, lines, curves, free-form surfaces.
+    LeftOut,
     /// Known, of no interest, and made of names.
     Text,
     Unknown,
@@ -70,8 +76,9 @@ impl Statement {
             b"v" => Statement::Vertex,
             // `fo` is how version 2 wrote it.
             b"f" | b"fo" => Statement::Face,
-            b"vt" | b"vn" | b"vp" | b"l" | b"p" | b"s" | b"curv" | b"curv2" | b"surf" | b"parm" | b"trim" | b"hole"
-            | b"scrv" | b"sp" | b"deg" | b"bmat" | b"step" | b"con" => Statement::Numbers,
+            b"l" | b"p" | b"curv" | b"curv2" | b"surf" => Statement::LeftOut,
+            b"vt" | b"vn" | b"vp" | b"s" | b"parm" | b"trim" | b"hole" | b"scrv" | b"sp" | b"deg" | b"bmat"
+            | b"step" | b"con" => Statement::Numbers,
             b"g" | b"o" | b"mg" | b"mtllib" | b"usemtl" | b"maplib" | b"usemap" | b"cstype" | b"end" | b"bevel"
             | b"c_interp" | b"d_interp" | b"lod" | b"shadow_obj" | b"trace_obj" | b"ctech" | b"stech" | b"call"
             | b"csh" => Statement::Text,

@@ -792,7 +792,13 @@ fn read_body<S: Source>(
             "vertex" => read_vertices(path, element, source, sink)?,
             "face" => read_faces(path, element, source, sink)?,
             "tristrips" => read_strips(path, element, source, sink)?,
-            _ => skip_element(path, element, source)?,
+            name => {
+                // Edges are geometry; what else a file may hold (cameras, materials, ranges) is not.
+                if name == "edge" {
+                    sink.left_out(element.rows);
+                }
+                skip_element(path, element, source)?;
+            }
         }
     }
     Ok(())

@@ -13,6 +13,7 @@ pub struct Collected {
     pub announced: Option<(u64, u64)>,
     pub vertices: Vec<[f64; 3]>,
     pub faces: Vec<Vec<i64>>,
+    pub left_out: u64,
 }
 
 impl MeshSink for Collected {
@@ -30,6 +31,10 @@ impl MeshSink for Collected {
     fn face(&mut self, face: Face<'_>) -> Result<(), MeshError> {
         self.faces.push(face.corners.to_vec());
         Ok(())
+    }
+
+    fn left_out(&mut self, elements: u64) {
+        self.left_out += elements;
     }
 }
 

@@ -173,6 +173,7 @@ impl<M: CollapseMetric> Engine<M> {
     }
 
     /// Both directions of the edge between two vertices.
+    #[inline]
     pub fn directions(&self, a: u32, b: u32) -> Directions {
         let d = self.mesh.displacement(a, b);
         let back = [-d[0], -d[1], -d[2]];
@@ -188,6 +189,7 @@ impl<M: CollapseMetric> Engine<M> {
     }
 
     /// The candidate for the cheaper direction of an edge.
+    #[inline]
     pub fn candidate(&self, directions: &Directions) -> Candidate {
         let (key, a, b) = directions.cheaper;
         let (low, high) = (a.min(b), a.max(b));

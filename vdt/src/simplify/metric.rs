@@ -41,16 +41,19 @@ impl Quadric {
     }
 
     /// The weights of all planes, added up.
+    #[inline]
     fn weight(&self) -> f32 {
         self.a[0] + self.a[3] + self.a[5]
     }
 
+    #[inline]
     fn linear(&self, d: [f32; 3]) -> [f32; 3] {
         let [xx, xy, xz, yy, yz, zz] = self.a;
         [xx * d[0] + xy * d[1] + xz * d[2], xy * d[0] + yy * d[1] + yz * d[2], xz * d[0] + yz * d[1] + zz * d[2]]
     }
 
     /// The value at displacement `d`.
+    #[inline]
     fn at(&self, d: [f32; 3]) -> f32 {
         let l = self.linear(d);
         (l[0] + 2.0 * self.b[0]) * d[0] + (l[1] + 2.0 * self.b[1]) * d[1] + (l[2] + 2.0 * self.b[2]) * d[2] + self.c
@@ -70,10 +73,12 @@ impl Quadric {
 }
 
 /// Rounding can push a value below zero; keys are compared by their bits, so they must not be negative, nor -0.0.
+#[inline]
 fn at_least_zero(value: f32) -> f32 {
     if value > 0.0 { value } else { 0.0 }
 }
 
+#[inline]
 fn square(d: [f32; 3]) -> f32 {
     d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
 }
@@ -98,6 +103,7 @@ pub trait CollapseMetric: Copy {
 pub struct QuadricMetric;
 
 impl CollapseMetric for QuadricMetric {
+    #[inline]
     fn key(&self, gone: &Quadric, stays: &Quadric, d: [f32; 3]) -> f32 {
         let weight = gone.weight() + stays.weight();
         at_least_zero(at_least_zero(gone.at(d)) + stays.c + LENGTH_WEIGHT * weight * square(d))

@@ -1,0 +1,424 @@
+//! The command line, with its help.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use metanode::header::Blocking;
+use navigator::PathSpec;
+use storage::ByteSize;
+use vdt::generate::Shape;
+
+/// View-dependent models of triangle meshes: build one, check it, take levels of detail out of it, and fly through it
+/// in a RAM budget that you set.
+#[derive(Debug, Parser)]
+#[command(
+    name = "vdt",
+    version,
+    max_term_width = 110,
+    arg_required_else_help = true,
+    after_help = "Sizes take K, M and G (binary). Exit codes: 0 done, 1 failed, 2 wrong usage. \
+                  Begin with `vdt demo`."
+)]
+pub struct Arguments {
+    /// Print one JSON document on standard output, and nothing else there.
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Make a terrain, build its model and fly through it in 16 MB: the whole way, in under a minute.
+    Demo(DemoOptions),
+    /// Make a test mesh of any size, as PLY.
+    Generate(GenerateOptions),
+    /// Build a model from a mesh (PLY, OBJ, STL, OFF, glTF).
+    Build(BuildOptions),
+    /// Say what is in a model or mesh file.
+    Info(InfoOptions),
+    /// Check every byte, link and invariant of a model.
+    Verify(VerifyOptions),
+    /// Take a level of detail out of a model, as PLY.
+    Extract(ExtractOptions),
+    /// Fly along a camera path within a RAM budget, and report what every frame did.
+    Navigate(NavigateOptions),
+}
+
+/// `vdt demo`
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  vdt demo\n  vdt demo --triangles 4000000 --build-memory 1G --memory 32M")]
+pub struct DemoOptions {
+    /// Folder for what the demo makes: terrain.ply, terrain.vdt, flight.csv, flight.svg. Files of these names in it are
+    /// replaced.
+    #[arg(short, long, default_value = "vdt-demo")]
+    pub output: PathBuf,
+    /// Triangles of the terrain.
+    #[arg(long, default_value_t = 1_000_000)]
+    pub triangles: u64,
+    /// RAM for building the model.
+    #[arg(long, default_value = "256M")]
+    pub build_memory: ByteSize,
+    /// RAM for flying through it.
+    #[arg(long, default_value = "16M")]
+    pub memory: ByteSize,
+    /// Frames of the flight, at 60 a second.
+    #[arg(long, default_value_t = 600)]
+    pub frames: u32,
+}
+
+/// `vdt generate`
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  vdt generate terrain --triangles 1000000 -o terrain.ply\n  \
+                             vdt generate gyroid --triangles 50000 --seed 7 -o gyroid.ply")]
+pub struct GenerateOptions {
+    /// terrain (a sheet, sampled unevenly), sphere (closed), gyroid (closed, of very many handles) or city (many parts,
+    /// boundaries, non-manifold edges).
+    pub shape: Shape,
+    /// How many triangles, 10 to 1000000000. Sphere and gyroid come near it, terrain and city meet it.
+    #[arg(long)]
+    pub triangles: u64,
+    /// Another seed gives another mesh of the same kind; the same one, the same bytes.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Where to write it.
+    #[arg(short, long)]
+    pub output: PathBuf,
+    /// Replace an existing file.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// What a collapse costs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MetricName {
+    /// Quadric error: the distance to the planes of the surface.
+    Quadric,
+    /// Euclidean length of the edge.
+    Length,
+}
+
+/// In which order edges are collapsed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum StrategyName {
+    /// Rounds, each of the cheapest fifth of the edges: fast, and as good.
+    Passes,
+    /// The paper's: always the shortest edge, through one priority queue.
+    Btree,
+}
+
+/// `vdt build`
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  vdt build bunny.ply -o bunny.vdt\n  \
+                             vdt build scan.obj -o scan.vdt --memory 2G\n  \
+                             vdt build part1.stl part2.stl -o both.vdt --metric length --strategy btree\n  \
+                             vdt build huge.ply -o huge.vdt --dry-run")]
+pub struct BuildOptions {
+    /// Mesh files; several are taken as one mesh.
+    #[arg(required = true, value_name = "MESH")]
+    pub meshes: Vec<PathBuf>,
+    /// Where to write the model.
+    #[arg(short, long, value_name = "MODEL.vdt")]
+    pub output: PathBuf,
+    /// RAM for what grows with the mesh. A mesh that needs more is refused, with the number that it needs.
+    #[arg(long, default_value = "256M")]
+    pub memory: ByteSize,
+    /// What a collapse costs.
+    #[arg(long, value_enum, default_value_t = MetricName::Quadric)]
+    pub metric: MetricName,
+    /// In which order edges are collapsed.
+    #[arg(long, value_enum, default_value_t = StrategyName::Passes)]
+    pub strategy: StrategyName,
+    /// How the tree is cut into meta-nodes: forest:SLOT,CHILDREN fills slots of SLOT bytes, each with at most CHILDREN
+    /// child meta-nodes; levels:L gives each meta-node L levels of one binary tree, as the paper does.
+    #[arg(long, default_value = "forest:32K,8")]
+    pub blocking: BlockingArgument,
+    /// Only say what the build would need.
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Replace an existing model.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// A blocking, as written on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BlockingArgument(pub Blocking);
+
+impl FromStr for BlockingArgument {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("`{text}` is not a blocking: write forest:32K,8 or levels:5");
+        let (kind, parameters) = text.split_once(':').ok_or_else(wrong)?;
+        let blocking = match kind {
+            "forest" => {
+                let (slot, fan_out) = parameters.split_once(',').ok_or_else(wrong)?;
+                let slot: ByteSize = slot.parse().map_err(|_| wrong())?;
+                Blocking::Forest {
+                    slot_bytes: u32::try_from(slot.0).map_err(|_| wrong())?,
+                    fan_out: fan_out.parse().map_err(|_| wrong())?,
+                }
+            }
+            "levels" => Blocking::Levels { levels: parameters.parse().map_err(|_| wrong())? },
+            _ => return Err(wrong()),
+        };
+        Ok(BlockingArgument(blocking))
+    }
+}
+
+/// `vdt info`
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  vdt info bunny.vdt\n  vdt info bunny.obj\n  vdt info --json bunny.vdt")]
+pub struct InfoOptions {
+    /// A model, or a mesh of any format that can be read.
+    pub file: PathBuf,
+}
+
+/// `vdt verify`
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  vdt verify bunny.vdt\n  vdt verify bunny.vdt --against bunny.ply")]
+pub struct VerifyOptions {
+    /// The model.
+    #[arg(value_name = "MODEL.vdt")]
+    pub model: PathBuf,
+    /// Check too that the model, fully refined, is exactly this mesh: the same triangles over the same positions.
+    #[arg(long, value_name = "MESH")]
+    pub against: Vec<PathBuf>,
+    /// RAM for reading the mesh of --against.
+    #[arg(long, default_value = "256M")]
+    pub memory: ByteSize,
+}
+
+/// An error, in mesh units or as a share of the diagonal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ErrorArgument {
+    /// In the units of the mesh.
+    Units(f64),
+    /// In percent of the diagonal of its bounding box.
+    Percent(f64),
+}
+
+impl ErrorArgument {
+    /// The error in mesh units.
+    pub fn in_units(self, diagonal: f64) -> f64 {
+        match self {
+            ErrorArgument::Units(units) => units,
+            ErrorArgument::Percent(percent) => percent / 100.0 * diagonal,
+        }
+    }
+}
+
+impl FromStr for ErrorArgument {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (number, is_percent) = match text.strip_suffix('%') {
+            Some(number) => (number, true),
+            None => (text, false),
+        };
+        match number.trim().parse::<f64>() {
+            Ok(value) if value >= 0.0 && value.is_finite() => {
+                Ok(if is_percent { ErrorArgument::Percent(value) } else { ErrorArgument::Units(value) })
+            }
+            _ => Err(format!("`{text}` is not an error: write a length in mesh units, as in 0.01, or 0.1%")),
+        }
+    }
+}
+
+/// Where a camera stands and looks: six numbers with commas.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CameraArgument {
+    /// The eye.
+    pub eye: [f64; 3],
+    /// What is in the middle of the picture.
+    pub target: [f64; 3],
+}
+
+impl FromStr for CameraArgument {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("`{text}` is not a camera: write six numbers, as in 0,0,10,0,0,0 (eye, then target)");
+        let numbers: Vec<f64> =
+            text.split(',').map(|word| word.trim().parse().map_err(|_| wrong())).collect::<Result<_, _>>()?;
+        match <[f64; 6]>::try_from(numbers) {
+            Ok([a, b, c, d, e, f]) => Ok(CameraArgument { eye: [a, b, c], target: [d, e, f] }),
+            Err(_) => Err(wrong()),
+        }
+    }
+}
+
+/// The size of a picture: 1920x1080.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PictureSize {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+}
+
+impl FromStr for PictureSize {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("`{text}` is not a picture size: write 1920x1080");
+        let (width, height) = text.split_once('x').ok_or_else(wrong)?;
+        let side = |text: &str| text.parse().ok().filter(|side| (1..=65_536).contains(side)).ok_or_else(wrong);
+        Ok(PictureSize { width: side(width)?, height: side(height)? })
+    }
+}
+
+/// `vdt extract`
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  vdt extract bunny.vdt -o same.ply --error 0\n  \
+                             vdt extract bunny.vdt -o coarse.ply --error 0.1%\n  \
+                             vdt extract bunny.vdt -o small.ply --triangles 5000\n  \
+                             vdt extract bunny.vdt -o seen.ply --camera 0,0.1,0.4,0,0.1,0 --pixels 2")]
+pub struct ExtractOptions {
+    /// The model.
+    #[arg(value_name = "MODEL.vdt")]
+    pub model: PathBuf,
+    /// Where to write the mesh (PLY).
+    #[arg(short, long, value_name = "MESH.ply")]
+    pub output: PathBuf,
+    #[command(flatten)]
+    pub cut: CutOptions,
+    /// With --camera: error to be seen at most, in pixels.
+    #[arg(long, default_value_t = 1.0, requires = "camera", value_parser = positive)]
+    pub pixels: f32,
+    /// With --camera: size of the picture that the pixels are of.
+    #[arg(long, default_value = "1920x1080", requires = "camera")]
+    pub size: PictureSize,
+    /// With --camera: RAM for refining the view.
+    #[arg(long, default_value = "256M", requires = "camera")]
+    pub memory: ByteSize,
+    /// Replace an existing file.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Which level of detail.
+#[derive(Debug, Args)]
+#[group(required = true, multiple = false)]
+pub struct CutOptions {
+    /// The same detail everywhere: split every node whose error is larger than this. In mesh units, or with % of the
+    /// diagonal; 0 is the whole mesh.
+    #[arg(long)]
+    pub error: Option<ErrorArgument>,
+    /// The same detail everywhere: the finest with at most so many triangles.
+    #[arg(long)]
+    pub triangles: Option<u64>,
+    /// The detail that a camera needs: eye and target, six numbers with commas.
+    #[arg(long, value_name = "EYE,TARGET", allow_hyphen_values = true)]
+    pub camera: Option<CameraArgument>,
+}
+
+fn positive(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
+        _ => Err(format!("`{text}` is not a number above 0")),
+    }
+}
+
+fn not_negative(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value >= 0.0 && value.is_finite() => Ok(value),
+        _ => Err(format!("`{text}` is not a number of 0 or more")),
+    }
+}
+
+/// How changes of neighbours depend on each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum DependencyName {
+    /// The paper's: by vertex ids, with forced splits. Every triangle is one that the construction went through.
+    Implicit,
+    /// Every node for itself: fewer triangles, but the surface may fold over.
+    None,
+}
+
+/// How pages are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum IoName {
+    /// By a thread beside the navigation, which never waits for the disk.
+    Thread,
+    /// At once, within the frame, which waits.
+    Sync,
+}
+
+/// `vdt navigate`
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  vdt navigate bunny.vdt --path flyby:200\n  \
+                             vdt navigate bunny.vdt --path orbit:600 --memory 8M --pixels 2 --csv flight.csv\n  \
+                             vdt navigate bunny.vdt --path cameras.txt --io sync --dependency none\n\n\
+                             A path file has one camera a line, ten numbers: eye x y z, target x y z, up x y z, \
+                             vertical field of view in degrees; # begins a comment.")]
+pub struct NavigateOptions {
+    /// The model.
+    #[arg(value_name = "MODEL.vdt")]
+    pub model: PathBuf,
+    /// The camera path: orbit:FRAMES, flyby:FRAMES, or a file of cameras.
+    #[arg(long)]
+    pub path: PathSpec,
+    /// RAM for everything that grows with the model: place holders, front, triangles.
+    #[arg(long, default_value = "16M")]
+    pub memory: ByteSize,
+    /// Error to be seen at most, in pixels.
+    #[arg(long, default_value_t = 1.0, value_parser = positive)]
+    pub pixels: f32,
+    /// Size of the picture that the pixels are of.
+    #[arg(long, default_value = "1920x1080")]
+    pub size: PictureSize,
+    /// How changes of neighbours depend on each other.
+    #[arg(long, value_enum, default_value_t = DependencyName::Implicit)]
+    pub dependency: DependencyName,
+    /// Draw at most so many triangles.
+    #[arg(long)]
+    pub max_triangles: Option<u64>,
+    /// How pages are read.
+    #[arg(long, value_enum, default_value_t = IoName::Thread)]
+    pub io: IoName,
+    /// Frames a second that are begun, at most; 0: each as soon as the last one is done. The I/O thread has the time in
+    /// between.
+    #[arg(long, default_value_t = 60.0, value_parser = not_negative)]
+    pub frame_rate: f64,
+    /// Do not load parents and children of the meta-nodes in use ahead of time.
+    #[arg(long)]
+    pub no_prefetch: bool,
+    /// Write the figures of every frame to this file.
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+    /// Replace an existing CSV file.
+    #[arg(long)]
+    pub force: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_well_formed() {
+        use clap::CommandFactory;
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn values_as_people_write_them() {
+        let forest = Blocking::Forest { slot_bytes: 32 << 10, fan_out: 8 };
+        assert_eq!("forest:32K,8".parse(), Ok(BlockingArgument(forest)));
+        assert_eq!("levels:5".parse(), Ok(BlockingArgument(Blocking::Levels { levels: 5 })));
+        assert_eq!("0.1%".parse(), Ok(ErrorArgument::Percent(0.1)));
+        assert_eq!("0".parse(), Ok(ErrorArgument::Units(0.0)));
+        assert_eq!("640x480".parse(), Ok(PictureSize { width: 640, height: 480 }));
+        let camera = CameraArgument { eye: [-1.0, 2.0, 3.0], target: [0.0, 0.0, 0.5] };
+        assert_eq!("-1,2,3,0,0,.5".parse(), Ok(camera));
+        assert!("forest:32K".parse::<BlockingArgument>().is_err());
+        assert!("-1".parse::<ErrorArgument>().is_err());
+        assert!("640".parse::<PictureSize>().is_err());
+        assert!("1,2,3".parse::<CameraArgument>().is_err());
+    }
+}

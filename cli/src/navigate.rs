@@ -1,0 +1,197 @@
+//! `vdt navigate`: a flight along a camera path, within a RAM budget, and what every frame of it did.
+
+use std::fmt::Write;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+use metanode::model::Model;
+use navigator::{Dependency, FlightSummary, FrameStatistics, Io, Navigator, NavigatorOptions};
+use serde_json::{Value, json};
+use storage::{ByteSize, Disk, LocalDisk};
+
+use crate::arguments::{self, DependencyName, IoName};
+use crate::output::{Report, grouped, length, may_write, write_text};
+use crate::progress::Progress;
+
+/// The first line of the CSV file: the fields of [`FrameStatistics`].
+const CSV_HEADER: &str = "frame,triangles,vertices,splits,collapses,requests,misses,blocked,forced,over_budget,\
+threshold_factor,error_stated,pages_in_use,reads,bytes_read,second_chances,urgent,prefetch_given_up,frame_ms,cpu_ms\n";
+
+pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
+    let disk: Arc<dyn Disk> = Arc::new(LocalDisk);
+    if let Some(csv) = &options.csv {
+        may_write(disk.as_ref(), csv, options.force)?;
+    }
+    let model = Arc::new(Model::open(disk.as_ref(), &options.model)?);
+    let cameras = options.path.cameras(disk.as_ref(), &model)?;
+    let navigator_options = NavigatorOptions {
+        memory: options.memory.0,
+        pixels: options.pixels,
+        width: options.size.width,
+        height: options.size.height,
+        dependency: match options.dependency {
+            DependencyName::Implicit => Dependency::Implicit,
+            DependencyName::None => Dependency::None,
+        },
+        max_triangles: options.max_triangles,
+        io: match options.io {
+            IoName::Thread => Io::Thread,
+            IoName::Sync => Io::Sync,
+        },
+        prefetch: !options.no_prefetch,
+        ..NavigatorOptions::default()
+    };
+    let mut navigator = Navigator::open(model.clone(), navigator_options)?;
+    let place_holders = navigator.place_holders();
+
+    let progress = Progress::new("flying");
+    let pace = (options.frame_rate > 0.0 && options.io == IoName::Thread).then(|| 1.0 / options.frame_rate);
+    let mut summary = FlightSummary::default();
+    let mut csv = options.csv.is_some().then(|| String::from(CSV_HEADER));
+    let start = Instant::now();
+    for (number, camera) in cameras.iter().enumerate() {
+        if let Some(seconds) = pace {
+            let due = Duration::from_secs_f64(seconds * number as f64);
+            std::thread::sleep(due.saturating_sub(start.elapsed()));
+        }
+        let frame = navigator.frame(camera)?;
+        summary.add(&frame);
+        if let Some(csv) = &mut csv {
+            csv_line(csv, &frame)?;
+        }
+        progress.show((number + 1) as f64 / cameras.len() as f64);
+    }
+    drop(progress);
+    let budget_bytes = navigator.budget_bytes();
+    drop(navigator);
+    if let (Some(path), Some(csv)) = (&options.csv, &csv) {
+        write_text(disk, path, csv)?;
+    }
+    let peak = storage::usage::peak_resident_bytes();
+    report(&options, &summary, &model, place_holders, peak)
+        .print(json, &to_json(&options, &summary, budget_bytes, place_holders, peak))
+}
+
+fn csv_line(csv: &mut String, frame: &FrameStatistics) -> Result<()> {
+    let FrameStatistics {
+        frame,
+        triangles,
+        vertices,
+        splits,
+        collapses,
+        misses,
+        requests,
+        blocked,
+        forced,
+        over_budget,
+        threshold_factor,
+        error_stated,
+        pages_in_use,
+        frame_ms,
+        cpu_ms,
+        reads,
+        bytes_read,
+        second_chances,
+        urgent,
+        prefetch_given_up,
+    } = frame;
+    writeln!(
+        csv,
+        "{frame},{triangles},{vertices},{splits},{collapses},{requests},{misses},{blocked},{forced},{over_budget},\
+         {threshold_factor},{error_stated},{pages_in_use},{reads},{bytes_read},{second_chances},{urgent},\
+         {prefetch_given_up},{frame_ms:.3},{cpu_ms:.3}"
+    )?;
+    Ok(())
+}
+
+fn report(
+    options: &arguments::NavigateOptions,
+    summary: &FlightSummary,
+    model: &Model,
+    place_holders: usize,
+    peak: Option<u64>,
+) -> Report {
+    let mut report = Report::default();
+    report.line("model", options.model.display());
+    report.line("flight", format!("{} frames at {} pixel(s)", grouped(summary.frames()), options.pixels));
+    report.line(
+        "triangles",
+        format!(
+            "{} in a frame on average, of {}",
+            grouped(summary.triangles_mean() as u64),
+            grouped(model.header().triangle_count.into())
+        ),
+    );
+    report.line("adapts", format!("{} splits and collapses in a frame", grouped(summary.adapts_mean() as u64)));
+    report.line("misses", format!("{:.2} % of the requests", summary.miss_percent()));
+    report.line(
+        "frame time",
+        format!(
+            "{:.2} ms on average, {:.2} ms median, {:.2} ms at the 99th percentile; {:.2} ms of CPU",
+            summary.frame_ms_mean(),
+            summary.frame_ms_percentile(50.0),
+            summary.frame_ms_percentile(99.0),
+            summary.cpu_ms_mean(),
+        ),
+    );
+    report.line(
+        "disk",
+        format!(
+            "{} meta-nodes read ({}), {} of them urgently; {} second chances",
+            grouped(summary.reads),
+            ByteSize(summary.bytes_read),
+            grouped(summary.urgent),
+            grouped(summary.second_chances),
+        ),
+    );
+    let stated = length(summary.error_stated.into());
+    report.line("error", format!("up to {stated} in the picture, by the metric's estimate (not guaranteed)"));
+    if summary.threshold_factor > 1.0 {
+        let pixels = options.pixels * summary.threshold_factor;
+        report.line("note", format!("the budget did not always allow this error: up to {pixels:.1} pixels were drawn"));
+    }
+    if let Some(peak) = peak {
+        report.line(
+            "peak RAM",
+            format!(
+                "{}; {} allowed, with {} place holders, and 8 MiB for the program",
+                ByteSize(peak),
+                options.memory,
+                grouped(place_holders as u64)
+            ),
+        );
+    }
+    report
+}
+
+fn to_json(
+    options: &arguments::NavigateOptions,
+    summary: &FlightSummary,
+    budget_bytes: u64,
+    place_holders: usize,
+    peak: Option<u64>,
+) -> Value {
+    json!({
+        "frames": summary.frames(),
+        "triangles_mean": summary.triangles_mean(),
+        "adapts_mean": summary.adapts_mean(),
+        "miss_percent": summary.miss_percent(),
+        "frame_ms_mean": summary.frame_ms_mean(),
+        "frame_ms_p50": summary.frame_ms_percentile(50.0),
+        "frame_ms_p99": summary.frame_ms_percentile(99.0),
+        "cpu_ms_mean": summary.cpu_ms_mean(),
+        "error_stated": summary.error_stated,
+        "guaranteed": summary.guaranteed(),
+        "reads": summary.reads,
+        "bytes_read": summary.bytes_read,
+        "second_chances": summary.second_chances,
+        "urgent": summary.urgent,
+        "prefetch_given_up": summary.prefetch_given_up,
+        "threshold_factor_max": summary.threshold_factor,
+        "place_holders": place_holders,
+        "peak_rss_bytes": peak,
+        "budget_bytes": options.memory.0,
+        "planned_bytes": budget_bytes,
+    })
+}

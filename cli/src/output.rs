@@ -1,0 +1,102 @@
+//! What commands print: a few aligned lines for people, or one JSON document for programs.
+
+use std::fmt::Display;
+use std::io::{self, Write};
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+use storage::Disk;
+
+/// Facts with labels, printed as two columns, or as JSON.
+#[derive(Debug, Default)]
+pub struct Report {
+    lines: Vec<(String, String)>,
+}
+
+impl Report {
+    /// Adds a line for people. An empty label continues the line before.
+    pub fn line(&mut self, label: impl Into<String>, text: impl Display) {
+        self.lines.push((label.into(), text.to_string()));
+    }
+
+    /// Prints the lines, or with `json` the document `value` in their place.
+    pub fn print(&self, json: bool, value: &Value) -> Result<()> {
+        let mut out = io::stdout().lock();
+        if json {
+            writeln!(out, "{}", serde_json::to_string_pretty(value)?)?;
+            return Ok(());
+        }
+        let width = self.lines.iter().map(|(label, _)| label.len()).max().unwrap_or(0);
+        for (label, text) in &self.lines {
+            writeln!(out, "{label:width$}  {text}")?;
+        }
+        Ok(())
+    }
+}
+
+/// A number with its thousands apart: 1,234,567.
+pub fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let first = digits.len() % 3;
+    let (head, rest) = digits.split_at(first);
+    let groups = rest.as_bytes().chunks(3).map(|group| String::from_utf8_lossy(group).into_owned());
+    let head = (!head.is_empty()).then(|| head.to_owned());
+    head.into_iter().chain(groups).collect::<Vec<_>>().join(",")
+}
+
+/// "1 triangle", "2,000 triangles".
+pub fn counted(number: u64, one: &str, many: &str) -> String {
+    format!("{} {}", grouped(number), if number == 1 { one } else { many })
+}
+
+/// A length with four digits that count.
+pub fn length(value: f64) -> String {
+    if value == 0.0 || (1e-3..1e6).contains(&value.abs()) {
+        let digits = (3 - value.abs().max(1e-3).log10().floor() as i32).clamp(0, 6) as usize;
+        format!("{value:.digits$}")
+    } else {
+        format!("{value:.3e}")
+    }
+}
+
+/// Refuses an output that exists, unless it may be replaced, and one whose folder does not exist.
+pub fn may_write(disk: &dyn Disk, path: &Path, force: bool) -> Result<()> {
+    if path.is_dir() {
+        bail!("{}: this is a directory; name a file in it", path.display());
+    }
+    if disk.exists(path) && !force {
+        bail!("{}: the file exists already; use --force to replace it, or name another", path.display());
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    if let Some(folder) = folder
+        && !folder.is_dir()
+    {
+        bail!("{}: there is no directory {}", path.display(), folder.display());
+    }
+    Ok(())
+}
+
+/// Writes a text file whole or not at all.
+pub fn write_text(disk: std::sync::Arc<dyn Disk>, path: &Path, text: &str) -> Result<()> {
+    let mut file = storage::AtomicFile::create(disk, path)?;
+    file.append(text.as_bytes())?;
+    file.commit().with_context(|| format!("{} was not written", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_for_people() {
+        assert_eq!(grouped(7), "7");
+        assert_eq!(grouped(1234), "1,234");
+        assert_eq!(grouped(123_456_789), "123,456,789");
+        assert_eq!(counted(1, "root", "roots"), "1 root");
+        assert_eq!(length(0.0), "0.000");
+        assert_eq!(length(0.012345), "0.01235");
+        assert_eq!(length(1234.5678), "1235");
+        assert_eq!(length(1.5e-9), "1.500e-9");
+    }
+}

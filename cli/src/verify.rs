@@ -1,0 +1,98 @@
+//! `vdt verify`: is every byte of a model as it should be, and is it this mesh?
+
+use anyhow::{Result, bail};
+use metanode::model::Model;
+use metanode::{UniformCut, header::ModelError, verify};
+use serde_json::json;
+use storage::{ByteSize, LocalDisk};
+use vdt::ingest::{self, CleaningCounts, CoreMesh, FileCounts};
+
+use crate::arguments::VerifyOptions;
+use crate::output::{Report, counted};
+use crate::progress::Progress;
+
+pub fn run(options: VerifyOptions, json: bool) -> Result<()> {
+    let progress = Progress::new("verifying");
+    let model = Model::open(&LocalDisk, &options.model)?;
+    let found = verify(&model, &mut |share| progress.show(share))?;
+    if !options.against.is_empty() {
+        progress.phase("comparing");
+        let (mesh, _) = ingest::load(&LocalDisk, &options.against, options.memory, &comparison_needs)?;
+        compare(&model, mesh)?;
+    }
+    drop(progress);
+
+    let mut report = Report::default();
+    report.line("model", options.model.display());
+    report.line(
+        "sound",
+        format!(
+            "{}, {}, {} in {}, {}",
+            counted(found.triangles.into(), "triangle", "triangles"),
+            counted(found.leaves.into(), "vertex", "vertices"),
+            counted(found.splits.into(), "split", "splits"),
+            counted(found.pages.into(), "meta-node", "meta-nodes"),
+            ByteSize(found.bytes),
+        ),
+    );
+    if let Some(mesh) = options.against.first() {
+        report.line("same", format!("fully refined, it is exactly the mesh of {}", mesh.display()));
+    }
+    report.print(
+        json,
+        &json!({
+            "sound": true,
+            "vertices": found.leaves,
+            "triangles": found.triangles,
+            "splits": found.splits,
+            "roots": found.roots,
+            "meta_nodes": found.pages,
+            "bytes": found.bytes,
+            "same_as_mesh": (!options.against.is_empty()).then_some(true),
+            "peak_rss_bytes": storage::usage::peak_resident_bytes(),
+        }),
+    )
+}
+
+/// Bytes that the comparison takes: both meshes in canonical form.
+fn comparison_needs(counts: FileCounts) -> ByteSize {
+    ByteSize(ingest::reading_needs(counts).0.saturating_add(12 * (counts.vertices + counts.triangles)))
+}
+
+/// Brings the model, fully refined, into canonical form as if it were a mesh file, and compares.
+fn compare(model: &Model, mesh: CoreMesh) -> Result<()> {
+    let cut = UniformCut::new(model, 0.0)?;
+    let mut positions = Vec::with_capacity(cut.vertex_count() as usize);
+    let mut triangles = Vec::with_capacity(cut.triangle_count() as usize);
+    let origin = model.header().origin;
+    cut.for_each_vertex(|position| -> Result<(), ModelError> {
+        positions.push(std::array::from_fn(|axis| f64::from(position[axis]) + origin[axis]));
+        Ok(())
+    })?;
+    cut.for_each_triangle(|corners| -> Result<(), ModelError> {
+        triangles.push(corners.map(|corner| corner as u32));
+        Ok(())
+    })?;
+    let Ok(refined) = ingest::canonical(positions, triangles, CleaningCounts::default()) else {
+        bail!("{}: a position is too large for single precision", model.path().display());
+    };
+    let place = |mesh: &CoreMesh, corners: [u32; 3]| corners.map(|corner| mesh.positions[corner as usize]);
+    if (refined.positions.len(), refined.triangles.len()) != (mesh.positions.len(), mesh.triangles.len()) {
+        bail!(
+            "{}: not this mesh: the model has {} vertices and {} triangles, the mesh has {} and {}",
+            model.path().display(),
+            refined.positions.len(),
+            refined.triangles.len(),
+            mesh.positions.len(),
+            mesh.triangles.len(),
+        );
+    }
+    let pairs = refined.triangles.iter().zip(&mesh.triangles);
+    let different = pairs.filter(|(model, other)| place(&refined, **model) != place(&mesh, **other));
+    match different.count() {
+        0 if refined.origin == mesh.origin => Ok(()),
+        count => {
+            bail!("{}: not this mesh: {count} of {} triangles differ", model.path().display(), mesh.triangles.len())
+        }
+    }
+}

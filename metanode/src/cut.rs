@@ -1,0 +1,448 @@
+//! Uniform cuts, streaming: the mesh in which exactly the splits with a switch value above an error are applied.
+//!
+//! No split of such a cut has to be forced: ids are ordered by switch value first, so the cut is a prefix of the order
+//! in which the surface is refined (design, 1).
+//!
+//! A leaf begins the interval of an active node just where the leaf was born by an applied split, or begins a tree. So
+//! one bit for each leaf is the whole cut: the active ancestor of a leaf is the last set bit at or before it, and its
+//! vertex number the rank of that bit. A triangle is active where its birth split is applied (design, 1).
+//!
+//! RAM: 1.5 bits for each leaf, two or so pages for the triangles, up to 32 pages and 56 bytes for each level of the
+//! binary tree for the vertices, 5 bytes for each tree. I/O: each page with an applied split once for the counts, once
+//! for the triangles and (but for a few near the root) once for the vertices.
+
+use crate::bits::{Bits, RankedBits};
+use crate::header::ModelError;
+use crate::model::Model;
+use crate::page::{ChildEntry, NONE_32, Page, PageLocation, Target};
+use crate::walk::walk;
+
+/// The mesh of a uniform cut.
+#[derive(Debug)]
+pub struct UniformCut<'a> {
+    model: &'a Model,
+    error: f32,
+    /// The first leaves of the active nodes.
+    starts: RankedBits,
+    triangle_count: u64,
+    error_stated: f32,
+}
+
+impl<'a> UniformCut<'a> {
+    /// The cut in which the splits with switch values above `error`, in mesh units, are applied. 0 gives the input mesh,
+    /// [`crate::header::Header::largest_switch`] or more the roots alone.
+    pub fn new(model: &'a Model, error: f32) -> Result<Self, ModelError> {
+        let is_applied = |switch: f32| switch > error;
+        let mut starts = Bits::new(model.header().leaf_count);
+        let mut triangle_count = 0;
+        let mut error_stated = 0.0_f32;
+        let mut leave_unsplit = |switch: f32| error_stated = error_stated.max(switch);
+        for root in model.roots() {
+            starts.insert(root.start);
+            if !is_applied(root.switch) {
+                leave_unsplit(root.switch);
+            }
+        }
+        walk(model, error, |page, nodes| {
+            for (index, _) in (0..).zip(nodes).filter(|(_, node)| is_applied(node.switch)) {
+                triangle_count += page.triangles(index).len() as u64;
+                let Some(record) = page.record(index) else { continue };
+                starts.insert(record.born_leaf);
+                let children = [record.kept, record.born].into_iter().flatten();
+                children.filter(|entry| !is_applied(entry.switch)).for_each(|entry| leave_unsplit(entry.switch));
+            }
+            Ok::<_, ModelError>(())
+        })?;
+        Ok(UniformCut { model, error, starts: starts.ranked(), triangle_count, error_stated })
+    }
+
+    /// Vertices of the mesh.
+    pub fn vertex_count(&self) -> u64 {
+        self.starts.len().into()
+    }
+
+    /// Triangles of the mesh.
+    pub fn triangle_count(&self) -> u64 {
+        self.triangle_count
+    }
+
+    /// The largest switch value, in mesh units, of the nodes that are drawn unsplit: what can be said of the mesh's
+    /// error. At most the error asked for; 0 where everything is split.
+    pub fn error_stated(&self) -> f32 {
+        self.error_stated
+    }
+
+    /// Bytes of RAM that this holds.
+    pub fn resident_bytes(&self) -> usize {
+        size_of::<Self>() + self.starts.resident_bytes()
+    }
+
+    /// Hands every vertex's position, in mesh units relative to the model's origin, to `action`, in the order of the
+    /// vertex numbers, which is that of the leaves.
+    pub fn for_each_vertex<E: From<ModelError>>(
+        &self,
+        mut action: impl FnMut([f32; 3]) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let mut pages = RecentPages::new(self.model);
+        let mut left = self.vertex_count();
+        let mut stack = Vec::new();
+        for root in self.model.roots() {
+            self.expand(&mut stack, root.switch, root.page, None, root.record);
+            // On top: where the root stands comes before all that is born below it.
+            stack.push(Step::Vertex(root.position));
+            while let Some(step) = stack.pop() {
+                match step {
+                    Step::Vertex(position) => {
+                        // A file with references that meet would otherwise be followed almost without end.
+                        left = left.checked_sub(1).ok_or_else(|| self.unsound())?;
+                        action(position)?;
+                    }
+                    Step::Split { location, parent, record: index } => {
+                        let page = pages.get(location, parent)?;
+                        let record = page.record(index).ok_or_else(|| {
+                            self.model.damaged_page(location.number, format!("it has no record {index}"))
+                        })?;
+                        let below = |entry: Option<ChildEntry>, stack: &mut Vec<Step>| {
+                            let Some(entry) = entry else { return };
+                            match entry.target {
+                                Target::SamePage { record } => {
+                                    self.expand(stack, entry.switch, location, parent, record);
+                                }
+                                Target::ChildPage { child, record } => {
+                                    let child = page.child_location(child.into());
+                                    self.expand(stack, entry.switch, child, Some(location.number), record);
+                                }
+                            }
+                        };
+                        below(record.born, &mut stack);
+                        stack.push(Step::Vertex(record.position));
+                        below(record.kept, &mut stack);
+                    }
+                }
+            }
+        }
+        if left > 0 { Err(self.unsound().into()) } else { Ok(()) }
+    }
+
+    /// Puts the split of a node on the stack, if it is applied.
+    fn expand(&self, stack: &mut Vec<Step>, switch: f32, location: PageLocation, parent: Option<u32>, record: u16) {
+        if switch > self.error {
+            stack.push(Step::Split { location, parent, record });
+        }
+    }
+
+    fn unsound(&self) -> ModelError {
+        let problem = "the records do not give each vertex once; `vdt verify` says where".into();
+        ModelError::Damaged { path: self.model.path().into(), part: "file".into(), problem }
+    }
+
+    /// Hands the vertex numbers of every triangle to `action`, in the orientation of the input mesh.
+    pub fn for_each_triangle<E: From<ModelError>>(
+        &self,
+        mut action: impl FnMut([u64; 3]) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let vertex = |leaf: u32| u64::from(self.starts.rank(leaf)).saturating_sub(1);
+        walk(self.model, self.error, |page, nodes| {
+            for (index, _) in (0..).zip(nodes).filter(|(_, node)| node.switch > self.error) {
+                page.triangles(index).try_for_each(|corners| action(corners.map(vertex)))?;
+            }
+            Ok(())
+        })
+    }
+}
+
+/// What is left to be done while the vertices are handed out in the order of the leaves.
+enum Step {
+    /// A vertex.
+    Vertex([f32; 3]),
+    /// What is born below a node whose split is applied.
+    Split {
+        location: PageLocation,
+        /// The page from which this one was entered.
+        parent: Option<u32>,
+        record: u16,
+    },
+}
+
+/// The most pages that [`RecentPages`] holds.
+const RECENT_PAGES: usize = 32;
+
+/// The pages that were needed last: with one for each level of the page tree, a traversal in the order of the leaves
+/// finds most of what it comes back to.
+struct RecentPages<'a> {
+    model: &'a Model,
+    /// Each with the time of its last use.
+    pages: Vec<(u64, PageLocation, Page)>,
+    staging: Vec<u8>,
+    /// Index of the page used last.
+    last: usize,
+    time: u64,
+}
+
+impl<'a> RecentPages<'a> {
+    fn new(model: &'a Model) -> Self {
+        RecentPages { model, pages: Vec::new(), staging: Vec::new(), last: 0, time: 0 }
+    }
+
+    /// The page at `location`, entered from page `parent` (`None`: from a tree's root).
+    fn get(&mut self, location: PageLocation, parent: Option<u32>) -> Result<&Page, ModelError> {
+        self.time += 1;
+        let is_there = |(_, at, _): &(u64, PageLocation, Page)| *at == location;
+        if !self.pages.get(self.last).is_some_and(is_there) {
+            self.last = match self.pages.iter().position(is_there) {
+                Some(index) => index,
+                None => self.read(location)?,
+            };
+        }
+        let (used, _, page) = &mut self.pages[self.last];
+        *used = self.time;
+        if parent.is_some() && page.parent() != parent {
+            let problem = format!("its parent is given as {:?}", page.parent());
+            return Err(self.model.damaged_page(location.number, problem));
+        }
+        Ok(page)
+    }
+
+    fn read(&mut self, location: PageLocation) -> Result<usize, ModelError> {
+        let most = (self.model.header().page_levels as usize).saturating_add(2).min(RECENT_PAGES);
+        if self.pages.len() < most {
+            self.pages.push((0, location, self.model.empty_page()));
+        }
+        let oldest = self.pages.iter().enumerate().min_by_key(|(_, (used, _, _))| *used);
+        let index = oldest.map_or(0, |(index, _)| index);
+        let (_, at, page) = &mut self.pages[index];
+        // Should the read fail, the page is empty and nobody's.
+        *at = PageLocation { number: NONE_32, offset: 0, length: 0 };
+        self.model.read_page(location, &mut self.staging, page)?;
+        *at = location;
+        Ok(index)
+    }
+}
+
+/// Buckets of a histogram over half of a switch value's bits.
+const BUCKETS: usize = 1 << 16;
+
+/// The smallest error, in mesh units, whose uniform cut has at most `triangles` triangles.
+///
+/// Switch values are positive, so their bits are ordered as they are: one pass over the file counts the triangles by the
+/// upper half of the bits of the switch value that bears them, a second one, within the bucket that decides, by the
+/// lower half. RAM: 512 KiB and what a walk takes.
+pub fn error_for_triangles(model: &Model, triangles: u64) -> Result<f32, ModelError> {
+    if u64::from(model.header().triangle_count) <= triangles {
+        return Ok(0.0);
+    }
+    // Of the triangles at or above the switch value looked for, how many lie above the range looked at.
+    let mut above = 0;
+    let mut upper = None;
+    for _ in 0..2 {
+        let mut counts = vec![0_u64; BUCKETS];
+        walk(model, -1.0, |page, nodes| {
+            for (index, node) in (0..).zip(nodes) {
+                let (high, low) = (node.switch.to_bits() >> 16, node.switch.to_bits() & 0xffff);
+                let bucket = match upper {
+                    None => high,
+                    Some(upper) if upper == high => low,
+                    Some(_) => continue,
+                };
+                counts[bucket as usize] += page.triangles(index).len() as u64;
+            }
+            Ok::<_, ModelError>(())
+        })?;
+        // The greatest bucket that may not be drawn as a whole.
+        let deciding = (0..BUCKETS).rev().find(|bucket| {
+            let fits = above + counts[*bucket] <= triangles;
+            if fits {
+                above += counts[*bucket];
+            }
+            !fits
+        });
+        let Some(deciding) = deciding else {
+            // The header promised more triangles than there are.
+            return Ok(0.0);
+        };
+        match upper {
+            None => upper = Some(deciding as u32),
+            Some(upper) => return Ok(f32::from_bits(upper << 16 | deciding as u32)),
+        }
+    }
+    Ok(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+    use std::sync::Arc;
+
+    use proptest::prelude::*;
+    use storage::{FaultyDisk, MemoryDisk};
+    use vdt::tree::{NO_SPLIT, Tree};
+
+    use super::*;
+    use crate::header::Blocking;
+    use crate::testing::{Random, Shape, TreePlan, blockings, model, model_bytes, plans, random_tree};
+
+    /// A uniform cut by the definition: each leaf's active ancestor, found from the root down.
+    struct Expected {
+        vertices: Vec<[f32; 3]>,
+        triangles: Vec<[u64; 3]>,
+        error_stated: f32,
+    }
+
+    fn expected(tree: &Tree, error: f32) -> Expected {
+        let mut error_stated = 0.0_f32;
+        let mut active = vec![0; tree.leaf_count()];
+        for root in &tree.roots {
+            for leaf in root.start..root.end {
+                let (mut split, mut start) = (root.split, root.start);
+                while split != NO_SPLIT && tree.splits[split as usize].switch > error {
+                    let node = &tree.splits[split as usize];
+                    (split, start) = if leaf < split { (node.kept, start) } else { (node.born, split) };
+                }
+                if split != NO_SPLIT {
+                    error_stated = error_stated.max(tree.splits[split as usize].switch);
+                }
+                active[leaf as usize] = start;
+            }
+        }
+        let mut starts = active.clone();
+        starts.dedup();
+        let number = |leaf: u32| starts.binary_search(&active[leaf as usize]).unwrap() as u64;
+        let triangles = tree.triangles.corners.iter().map(|corners| corners.map(number));
+        let mut triangles: Vec<_> = triangles.filter(|[a, b, c]| a != b && b != c && c != a).collect();
+        triangles.sort_unstable();
+        let vertices = starts.iter().map(|leaf| tree.positions[*leaf as usize]).collect();
+        Expected { vertices, triangles, error_stated }
+    }
+
+    fn check(tree: &Tree, model: &Model, error: f32) -> Result<(), TestCaseError> {
+        let expected = expected(tree, error);
+        let cut = UniformCut::new(model, error).unwrap();
+        prop_assert_eq!(cut.vertex_count(), expected.vertices.len() as u64);
+        prop_assert_eq!(cut.triangle_count(), expected.triangles.len() as u64);
+        prop_assert_eq!(cut.error_stated(), expected.error_stated);
+        let mut vertices = Vec::new();
+        cut.for_each_vertex(|position| {
+            vertices.push(position);
+            Ok::<_, ModelError>(())
+        })
+        .unwrap();
+        prop_assert_eq!(vertices, expected.vertices);
+        let mut triangles = Vec::new();
+        cut.for_each_triangle(|corners| {
+            triangles.push(corners);
+            Ok::<_, ModelError>(())
+        })
+        .unwrap();
+        triangles.sort_unstable();
+        prop_assert_eq!(triangles, expected.triangles);
+        Ok(())
+    }
+
+    fn switches(tree: &Tree) -> Vec<f32> {
+        let mut switches: Vec<f32> =
+            tree.splits.iter().map(|split| split.switch).filter(|switch| *switch > 0.0).collect();
+        switches.sort_by(f32::total_cmp);
+        switches
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(96))]
+
+        #[test]
+        fn a_uniform_cut_is_the_mesh_of_the_definition(plan in plans(700), blocking in blockings(), seed in any::<u64>()) {
+            let tree = random_tree(&plan);
+            let model = model(&tree, blocking);
+            let switches = switches(&tree);
+            let largest = switches[switches.len() - 1];
+            let mut random = Random(seed);
+            let some = switches[random.below(switches.len())];
+            let between = largest * random.signed().abs();
+            for error in [-1.0, 0.0, some, f32::from_bits(some.to_bits() - 1), between, largest, 2.0 * largest, f32::INFINITY, f32::NAN] {
+                check(&tree, &model, error)?;
+            }
+        }
+
+        #[test]
+        fn the_error_for_a_number_of_triangles_is_the_smallest(plan in plans(700), blocking in blockings()) {
+            let tree = random_tree(&plan);
+            let model = model(&tree, blocking);
+            let mut candidates = vec![0.0];
+            candidates.extend(switches(&tree));
+            let drawn = |error: f32| -> u64 {
+                let splits = (0..tree.leaf_count() as u32).filter(|split| tree.splits[*split as usize].switch > error);
+                splits.map(|split| tree.triangles.of(split).len() as u64).sum()
+            };
+            let all = tree.triangles.corners.len() as u64;
+            for triangles in [0, 1, all / 3, all / 2, all.saturating_sub(1), all, all + 1, u64::MAX] {
+                let expected = candidates.iter().copied().find(|error| drawn(*error) <= triangles).unwrap();
+                prop_assert_eq!(error_for_triangles(&model, triangles).unwrap(), expected);
+            }
+        }
+    }
+
+    #[test]
+    fn an_empty_model_has_an_empty_cut() {
+        let model = model(&Tree::default(), Blocking::default());
+        let cut = UniformCut::new(&model, 0.0).unwrap();
+        assert_eq!((cut.vertex_count(), cut.triangle_count(), cut.error_stated()), (0, 0, 0.0));
+        cut.for_each_vertex(|_| -> Result<(), ModelError> { panic!("a vertex") }).unwrap();
+        cut.for_each_triangle(|_| -> Result<(), ModelError> { panic!("a triangle") }).unwrap();
+        assert_eq!(error_for_triangles(&model, 0).unwrap(), 0.0);
+    }
+
+    #[test]
+    fn what_the_caller_cannot_take_ends_the_stream() {
+        let tree = random_tree(&TreePlan {
+            seed: 2,
+            leaves: 500,
+            components: 2,
+            triangles: 900,
+            shape: Shape::Random,
+            hub: 0,
+            reach: 40,
+        });
+        let model = model(&tree, Blocking::default());
+        let cut = UniformCut::new(&model, 0.0).unwrap();
+        let full = || ModelError::NotAModel { path: "full".into() };
+        let mut room = 3;
+        let mut take = || {
+            room -= 1;
+            if room < 0 { Err(full()) } else { Ok(()) }
+        };
+        assert!(cut.for_each_vertex(|_| take()).is_err());
+        assert!(cut.for_each_triangle(|_| take()).is_err());
+    }
+
+    #[test]
+    fn pages_are_read_once() {
+        for (shape, components) in
+            [(Shape::Random, 1), (Shape::Random, 3000), (Shape::Neighbours, 7), (Shape::Chain, 1)]
+        {
+            let tree = random_tree(&TreePlan {
+                seed: 6,
+                leaves: 20_000,
+                components,
+                triangles: 40_000,
+                shape,
+                hub: 0,
+                reach: 60,
+            });
+            let (bytes, summary) = model_bytes(&tree, Blocking::Forest { slot_bytes: 8192, fan_out: 8 });
+            let memory = MemoryDisk::new();
+            memory.insert("model.vdt", bytes);
+            let disk = FaultyDisk::new(Arc::new(memory));
+            let model = Model::open(&disk, Path::new("model.vdt")).unwrap();
+            let pages = u64::from(summary.pages);
+            disk.fail_reads_after(pages);
+            let cut = UniformCut::new(&model, 0.0).unwrap();
+            disk.fail_reads_after(pages);
+            cut.for_each_triangle(|_| Ok::<_, ModelError>(())).unwrap();
+            // Few come back to a page that had to go.
+            disk.fail_reads_after(pages + pages / 4);
+            cut.for_each_vertex(|_| Ok::<_, ModelError>(())).unwrap();
+            // The roots alone need none.
+            disk.fail_reads_after(0);
+            UniformCut::new(&model, model.header().largest_switch).unwrap();
+        }
+    }
+}

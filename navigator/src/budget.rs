@@ -1,0 +1,201 @@
+//! How the memory that the user allows is shared out, before anything is allocated.
+//!
+//! Everything that grows with the model counts: its root table, the place holders, the front's nodes and triangles and
+//! the lists of candidates, and the buffers for one page. What is left after the fixed parts is shared by the place
+//! holders and the front, half and half; neither gets more than the whole model needs, and what one cannot use goes to
+//! the other.
+
+use metanode::model::Model;
+use thiserror::Error;
+
+use crate::front::{NODE_BYTES, TRIANGLE_BYTES, TRIANGLE_LIMIT};
+use crate::pool::{LEAST_FOR_URGENT, SLOT_OVERHEAD_BYTES};
+use crate::refine::CHAIN_BYTES;
+
+/// Bytes of a candidate for a split or a collapse.
+const CANDIDATE_BYTES: usize = size_of::<u64>();
+/// Fewest place holders: one in use, and those that the rule of three asks for.
+const LEAST_SLOTS: usize = LEAST_FOR_URGENT + 1;
+/// Fewest applied splits that the front has room for, in a model that has as many.
+const LEAST_SPLITS: usize = 256;
+/// Place holders more than there are pages from which on none is ever missing: by the rule of three, with all pages but
+/// one in use, three must not be for the last to be loaded.
+pub const SPARE_SLOTS: usize = LEAST_FOR_URGENT - 1;
+
+/// What is allocated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Budget {
+    /// Place holders.
+    pub slots: usize,
+    /// Nodes of the front, active or split.
+    pub nodes: usize,
+    /// Active triangles.
+    pub triangles: usize,
+    /// Candidates for a split.
+    pub split_candidates: usize,
+    /// Candidates for a collapse.
+    pub collapse_candidates: usize,
+    /// Most triangles that one split can bear.
+    pub born_triangles: usize,
+    /// All of it, in bytes.
+    pub bytes: u64,
+}
+
+/// The memory allowed is less than the model needs at the least.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error(
+    "{memory} bytes are too few to navigate this model ({roots} components, meta-nodes of {slot_bytes} bytes); \
+     run again with --memory {}K", smallest.div_ceil(1024)
+)]
+pub struct BudgetError {
+    /// Bytes allowed.
+    pub memory: u64,
+    /// The fewest bytes that work.
+    pub smallest: u64,
+    /// Roots of the forest.
+    pub roots: u32,
+    /// Bytes of the largest page, decoded.
+    pub slot_bytes: u32,
+}
+
+/// The parts of a model that decide what it needs.
+struct Needs {
+    roots: usize,
+    splits: usize,
+    triangles: usize,
+    pages: usize,
+    slot_bytes: usize,
+    /// What is needed whatever the size of pool and front.
+    fixed_bytes: usize,
+    born_triangles: usize,
+}
+
+impl Needs {
+    fn of(model: &Model) -> Self {
+        let header = model.header();
+        let slot_bytes = header.slot_bytes as usize;
+        let born_triangles = slot_bytes / 12;
+        Needs {
+            roots: header.root_count as usize,
+            splits: header.split_count as usize,
+            triangles: header.triangle_count as usize,
+            pages: header.page_count as usize,
+            slot_bytes,
+            fixed_bytes: model.resident_bytes()
+                + header.largest_page_bytes as usize
+                + born_triangles * size_of::<u32>()
+                + CHAIN_BYTES,
+            born_triangles,
+        }
+    }
+
+    fn slot_cost(&self) -> usize {
+        self.slot_bytes + SLOT_OVERHEAD_BYTES
+    }
+
+    fn most_slots(&self) -> usize {
+        self.pages + SPARE_SLOTS
+    }
+
+    /// Triangles for a front with so many splits: the model's average and a tenth more.
+    fn triangles_for(&self, splits: usize) -> usize {
+        let average = self.triangles as f64 / self.splits.max(1) as f64;
+        ((splits as f64 * average * 1.1) as usize + 64).min(self.triangles).min(TRIANGLE_LIMIT)
+    }
+
+    fn budget(&self, slots: usize, splits: usize) -> Budget {
+        let active = self.roots + splits;
+        let mut budget = Budget {
+            slots,
+            nodes: active + splits,
+            triangles: self.triangles_for(splits),
+            split_candidates: active,
+            collapse_candidates: active / 2 + 1,
+            born_triangles: self.born_triangles,
+            bytes: 0,
+        };
+        let bytes = self.fixed_bytes
+            + slots * self.slot_cost()
+            + budget.nodes * NODE_BYTES
+            + budget.triangles * TRIANGLE_BYTES
+            + (budget.split_candidates + budget.collapse_candidates) * CANDIDATE_BYTES;
+        budget.bytes = bytes as u64;
+        budget
+    }
+
+    /// The most splits for which a pool of `slots` and a front fit into `bytes`, but no fewer than `least`.
+    fn most_splits(&self, slots: usize, least: usize, bytes: u64) -> usize {
+        let (mut fits, mut too_many) = (least, self.splits + 1);
+        while fits + 1 < too_many {
+            let middle = fits + (too_many - fits) / 2;
+            if self.budget(slots, middle).bytes <= bytes {
+                fits = middle;
+            } else {
+                too_many = middle;
+            }
+        }
+        fits
+    }
+}
+
+/// Shares out `memory` bytes for `model`.
+pub fn plan(model: &Model, memory: u64) -> Result<Budget, BudgetError> {
+    let needs = Needs::of(model);
+    let least_slots = LEAST_SLOTS.min(needs.most_slots());
+    let least_splits = LEAST_SPLITS.min(needs.splits);
+    let smallest = needs.budget(least_slots, least_splits).bytes;
+    if smallest > memory {
+        let header = model.header();
+        return Err(BudgetError { memory, smallest, roots: header.root_count, slot_bytes: header.slot_bytes });
+    }
+    // At least what the least pool and the least front take, by the check just made.
+    let to_share = memory - needs.budget(0, 0).bytes;
+    let whole_front = needs.budget(0, needs.splits).bytes - needs.budget(0, 0).bytes;
+    let least_front = needs.budget(0, least_splits).bytes - needs.budget(0, 0).bytes;
+    let for_pool = (to_share / 2).max(to_share.saturating_sub(whole_front)).min(to_share - least_front);
+    let slots = usize::try_from(for_pool / needs.slot_cost() as u64).unwrap_or(usize::MAX);
+    let slots = slots.clamp(least_slots, needs.most_slots());
+    let splits = needs.most_splits(slots, least_splits, memory);
+    Ok(needs.budget(slots, splits))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+
+    #[test]
+    fn a_budget_is_kept_and_used() {
+        let model = testing::model_of(&testing::grid_tree(40, 40, 1));
+        let smallest = plan(&model, 0).unwrap_err().smallest;
+        assert!(plan(&model, smallest - 1).is_err());
+        let whole = plan(&model, 1 << 40).unwrap();
+        assert_eq!(whole.nodes, (model.header().leaf_count + model.header().split_count) as usize);
+        assert_eq!(whole.triangles, model.header().triangle_count as usize);
+        assert_eq!(whole.slots, model.header().page_count as usize + SPARE_SLOTS);
+        let mut memory = smallest;
+        while memory < whole.bytes {
+            let budget = plan(&model, memory).unwrap();
+            assert!(budget.bytes <= memory && budget.bytes > memory - 2 * u64::from(model.header().slot_bytes) - 4096);
+            assert!(budget.slots >= LEAST_SLOTS);
+            memory += 1000;
+        }
+        assert_eq!(plan(&model, whole.bytes).unwrap(), whole);
+    }
+
+    #[test]
+    fn too_little_is_refused_with_what_would_do() {
+        let model = testing::model_of(&testing::grid_tree(40, 40, 1));
+        let error = plan(&model, 1000).unwrap_err();
+        let (_, number) =
+            error.to_string().rsplit_once("--memory ").map(|(a, b)| (a.to_owned(), b.to_owned())).unwrap();
+        let kilobytes: u64 = number.strip_suffix('K').unwrap().parse().unwrap();
+        assert!(plan(&model, kilobytes * 1024).is_ok() && plan(&model, (kilobytes - 1) * 1024).is_err());
+    }
+
+    #[test]
+    fn the_empty_model_needs_next_to_nothing() {
+        let model = testing::model_of(&testing::empty_tree());
+        assert!(plan(&model, 1 << 20).unwrap().bytes < 1 << 18);
+    }
+}

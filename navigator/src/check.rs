@@ -1,0 +1,154 @@
+//! Whether the front and the pool are well-formed (invariants 4 and 5 of the design). Slow: for tests, and for whoever
+//! does not trust a model.
+
+use crate::dependency::Dependency;
+use crate::front::{Front, NEVER, NONE, State};
+use crate::navigator::Navigator;
+
+/// Checks, between two frames, everything that must hold; says what does not.
+///
+/// - the leaf intervals of the active nodes partition the leaves, and those of two children their parent's;
+/// - each corner of a triangle is under its node, the three nodes are distinct, and it is once in each one's star;
+/// - the triangles are those that the applied splits bear, each once;
+/// - with implicit dependency, the lives of the corners of each triangle overlap pairwise;
+/// - the usage count of each place holder is the number of applied splits of its page; the pool's own counts and lists
+///   fit to each other.
+pub fn check(navigator: &Navigator) -> Result<(), String> {
+    check_nodes(navigator)?;
+    check_stars(navigator.front())?;
+    check_births(navigator)?;
+    if navigator.dependency() == Dependency::Implicit {
+        check_lives(navigator.front())?;
+    }
+    check_usage(navigator)?;
+    navigator.paging().pool().check()
+}
+
+fn check_nodes(navigator: &Navigator) -> Result<(), String> {
+    let front = navigator.front();
+    let mut intervals = Vec::new();
+    for node in front.nodes() {
+        let (start, end) = front.interval(node);
+        if front.is_active(node) {
+            intervals.push((start, end));
+            let is_leaf = front.state(node) == State::Leaf;
+            if is_leaf != (end - start == 1) || is_leaf != (front.id(node) < navigator.model().header().leaf_count) {
+                return Err(format!("active node {node} with leaves {start}..{end} has id {}", front.id(node)));
+            }
+        } else {
+            let [kept, born] = front.children(node);
+            let ((kept_start, kept_end), (born_start, born_end)) = (front.interval(kept), front.interval(born));
+            let both_active = front.is_active(kept) && front.is_active(born);
+            let fits = kept_start == start
+                && kept_end == born_start
+                && born_end == end
+                && [kept, born].iter().all(|child| {
+                    front.parent(*child) == node
+                        && front.parent_id(*child) == front.id(node)
+                        && front.id(*child) < front.id(node)
+                })
+                && both_active == (front.state(node) == State::Collapsible);
+            if !fits {
+                return Err(format!("node {node} with leaves {start}..{end} does not fit to {kept} and {born}"));
+            }
+        }
+        if front.parent(node) == NONE && front.parent_id(node) != NEVER {
+            return Err(format!("root {node} has a parent"));
+        }
+    }
+    intervals.sort_unstable();
+    let mut next = 0;
+    for (start, end) in &intervals {
+        if *start != next {
+            return Err(format!("the active nodes leave or share leaf {}", next.min(*start)));
+        }
+        next = *end;
+    }
+    if next != navigator.model().header().leaf_count {
+        return Err(format!("the active nodes end at leaf {next}"));
+    }
+    if intervals.len() != front.active_count() || front.nodes().count() != front.node_count() {
+        return Err(format!("{} active nodes, counted {}", intervals.len(), front.active_count()));
+    }
+    Ok(())
+}
+
+fn check_stars(front: &Front) -> Result<(), String> {
+    let mut from_triangles = Vec::new();
+    for (leaves, nodes) in front.triangles() {
+        for (leaf, node) in leaves.into_iter().zip(nodes) {
+            let (start, end) = front.interval(node);
+            if !front.is_active(node) || leaf < start || leaf >= end {
+                return Err(format!("triangle {leaves:?}: leaf {leaf} is not under node {node}"));
+            }
+        }
+        if nodes[0] == nodes[1] || nodes[1] == nodes[2] || nodes[2] == nodes[0] {
+            return Err(format!("triangle {leaves:?} has the corners {nodes:?}"));
+        }
+        from_triangles.extend((0..3).map(|place| (nodes[place], [nodes[(place + 1) % 3], nodes[(place + 2) % 3]])));
+    }
+    if from_triangles.len() != 3 * front.triangle_count() {
+        return Err(format!("{} corners, {} triangles counted", from_triangles.len(), front.triangle_count()));
+    }
+    let active = front.nodes().filter(|node| front.is_active(*node));
+    let mut from_stars: Vec<_> = active
+        .flat_map(|node| front.star(node).take(from_triangles.len() + 1).map(move |others| (node, others)))
+        .collect();
+    from_triangles.sort_unstable();
+    from_stars.sort_unstable();
+    if from_triangles != from_stars {
+        return Err("the stars are not those of the triangles".into());
+    }
+    Ok(())
+}
+
+fn check_births(navigator: &Navigator) -> Result<(), String> {
+    let front = navigator.front();
+    let mut born = Vec::new();
+    for node in front.nodes().filter(|node| !front.is_active(*node)) {
+        born.extend(navigator.paging().page(front.page_or_slot(node)).triangles(front.record(node)));
+    }
+    let mut drawn: Vec<_> = front.triangles().map(|(leaves, _)| leaves).collect();
+    born.sort_unstable();
+    drawn.sort_unstable();
+    if born != drawn {
+        return Err(format!("{} triangles are drawn, the applied splits bear {}", drawn.len(), born.len()));
+    }
+    Ok(())
+}
+
+fn check_lives(front: &Front) -> Result<(), String> {
+    for (leaves, nodes) in front.triangles() {
+        for first in nodes {
+            for second in nodes.iter().filter(|second| **second != first) {
+                if front.id(first) >= front.parent_id(*second) {
+                    return Err(format!(
+                        "triangle {leaves:?}: node {} came to be when {} was gone",
+                        front.id(first),
+                        front.id(*second)
+                    ));
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+fn check_usage(navigator: &Navigator) -> Result<(), String> {
+    let (front, paging) = (navigator.front(), navigator.paging());
+    let pool = paging.pool();
+    let mut applied = vec![0; pool.slot_count()];
+    for node in front.nodes().filter(|node| !front.is_active(*node)) {
+        applied[front.page_or_slot(node) as usize] += 1;
+    }
+    for (slot, applied) in applied.into_iter().enumerate() {
+        let slot = slot as u32;
+        if pool.usage(slot) != applied {
+            return Err(format!("slot {slot}: {applied} splits are applied, {} counted", pool.usage(slot)));
+        }
+        if applied > 0 && paging.page_number(slot) != pool.page(slot).number() {
+            return Err(format!("slot {slot} does not hold page {}", paging.page_number(slot)));
+        }
+    }
+    Ok(())
+}

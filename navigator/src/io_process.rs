@@ -1,0 +1,156 @@
+//! The I/O process (the paper, 3.3.2 and 3.3.4): takes commands from the board, reads pages into place holders, and
+//! keeps the reference counts. A thread of its own, beside the navigator's; or carried out at once by the navigator, so
+//! that a flight is the same each time.
+//!
+//! When a page comes into use its parent and its children are prefetched, each into a free place holder, as long as
+//! there are any: so "usually three levels of meta-nodes are kept in main memory". A parent page that is not there is
+//! left alone. It is there while a node above is split, and the page of a tree's root may lie without it; but no
+//! collapse ever needs it (see [`pool`](crate::pool)).
+//!
+//! What cannot be read is noted on the board. The navigator's next frame finds it there.
+
+use std::sync::Arc;
+use std::thread::JoinHandle;
+
+use metanode::model::Model;
+use metanode::page::{Page, PageLocation};
+
+use crate::board::{Board, Command};
+use crate::pool::{LEAST_FOR_URGENT, Pool, Room};
+
+/// How the I/O process runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Io {
+    /// As a thread of its own; the navigator never waits for the disk.
+    #[default]
+    Thread,
+    /// Within the navigator's frames, which wait for every page they want.
+    Sync,
+}
+
+/// Whether there is no page in the place holder: not read yet, or in vain.
+fn is_empty(page: &Page) -> bool {
+    page.counts().records == 0
+}
+
+/// The I/O process: what it needs to carry out a command.
+#[derive(Debug)]
+pub struct IoProcess {
+    model: Arc<Model>,
+    pool: Arc<Pool>,
+    board: Arc<Board>,
+    prefetch: bool,
+    /// The encoded page that is being decoded.
+    staging: Vec<u8>,
+}
+
+impl IoProcess {
+    /// An I/O process that reads pages of `model` into `pool` as `board` says.
+    pub fn new(model: Arc<Model>, pool: Arc<Pool>, board: Arc<Board>, prefetch: bool) -> Self {
+        let staging = Vec::with_capacity(model.header().largest_page_bytes as usize);
+        IoProcess { model, pool, board, prefetch, staging }
+    }
+
+    /// Carries out everything on the board.
+    pub fn run_pending(&mut self) {
+        while let Some(command) = self.board.take() {
+            self.execute(command);
+        }
+    }
+
+    /// Carries out commands, in a thread of its own, until told to stop.
+    pub fn run_in_thread(mut self) -> std::io::Result<JoinHandle<()>> {
+        std::thread::Builder::new().name("vdt-io".into()).spawn(move || {
+            loop {
+                match self.board.wait() {
+                    Command::Stop => return,
+                    command => self.execute(command),
+                }
+            }
+        })
+    }
+
+    fn execute(&mut self, command: Command) {
+        match command {
+            Command::Urgent(location) => self.load(self.pool.make_room(location.number), location),
+            Command::Follow { slot } => self.follow(slot, false),
+            Command::Stop => (),
+        }
+    }
+
+    /// The start: loads root pages, as many as leave room for the page of another split, and prefetches their children.
+    pub fn load_roots(&mut self, locations: &[PageLocation]) {
+        let count = self.pool.slot_count().saturating_sub(LEAST_FOR_URGENT).max(1);
+        let mut slots = Vec::new();
+        for location in locations.iter().take(count) {
+            let room = self.pool.make_room(location.number);
+            self.load(room, *location);
+            if let Room::Slot { slot, .. } = room {
+                slots.push(slot);
+            }
+        }
+        for slot in slots {
+            self.follow(slot, true);
+        }
+    }
+
+    /// Brings the reference counts of the neighbours of the page in `slot` up to date.
+    fn follow(&mut self, slot: u32, always: bool) {
+        match self.pool.update_references(slot, always) {
+            Some(true) if self.prefetch => self.refer(slot),
+            Some(false) if self.prefetch => self.stop_referring(slot, None),
+            _ => (),
+        }
+    }
+
+    fn refer(&mut self, slot: u32) {
+        let (number, parent, children) = {
+            let page = self.pool.page(slot);
+            if is_empty(&page) {
+                return;
+            }
+            (page.number(), page.parent(), page.counts().children)
+        };
+        if let Some(parent) = parent {
+            self.pool.reference_if_resident(parent);
+        }
+        for child in 0..children {
+            let location = {
+                let page = self.pool.page(slot);
+                // Not in use any more, it may have made room for its own child.
+                if is_empty(&page) || page.number() != number {
+                    return;
+                }
+                page.child_location(child)
+            };
+            self.load(self.pool.reference(location.number), location);
+        }
+    }
+
+    /// Takes back the references of the page that is or was last in `slot`; but none to `newcomer`.
+    fn stop_referring(&mut self, slot: u32, newcomer: Option<u32>) {
+        let page = self.pool.page(slot);
+        if is_empty(&page) {
+            return;
+        }
+        let neighbours = page.parent().into_iter().chain(page.children().map(|location| location.number));
+        for neighbour in neighbours.filter(|neighbour| Some(*neighbour) != newcomer) {
+            self.pool.dereference(neighbour);
+        }
+    }
+
+    fn load(&mut self, room: Room, location: PageLocation) {
+        let Room::Slot { slot, refers } = room else { return };
+        if refers && self.prefetch {
+            self.stop_referring(slot, Some(location.number));
+        }
+        let read = {
+            let mut page = self.pool.page_to_fill(slot);
+            self.model.read_page(location, &mut self.staging, &mut page)
+        };
+        self.pool.loaded(slot, read.is_ok().then_some(location.length));
+        if let Err(failure) = read {
+            self.board.fail(failure);
+        }
+    }
+}

@@ -1,0 +1,514 @@
+//! The navigator (the paper, 3.3): adapts the front to the camera, frame by frame, in a fixed amount of memory.
+//!
+//! A frame
+//! 1. computes the error of every active node and of every node that can be collapsed;
+//! 2. collapses what is below the threshold, in the order of rising ids, so that every collapse finds done what it
+//!    depends on; parents whose children become active follow;
+//! 3. splits what is above it, the largest error first, so that a frame that cannot do everything has done the most
+//!    important; children follow.
+//!
+//! Where a page is missing, the level at hand stays drawn and the page is asked for. Where the front or the pool is
+//! full, the split is refused, and the threshold is raised a little for the next frame; it falls back when there is
+//! room again, but not while the camera stands still, so that the picture comes to rest.
+
+use std::collections::BinaryHeap;
+use std::io;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use metanode::header::ModelError;
+use metanode::model::Model;
+use storage::usage::thread_cpu_time;
+use thiserror::Error;
+
+use crate::budget::{self, Budget, BudgetError, SPARE_SLOTS};
+use crate::camera::{Camera, CameraError};
+use crate::dependency::{self, Dependency};
+use crate::front::{Front, Misfit, State};
+use crate::io_process::Io;
+use crate::paging::Paging;
+use crate::pool::PoolCounters;
+use crate::refine::{Chain, Outcome, Refiner};
+use crate::statistics::FrameStatistics;
+use crate::view::{Sphere, View};
+
+/// How much smaller than the threshold an error has to be for a collapse: 1.05 saves most of the changes back and forth,
+/// more saves no more (`facts/front.md`).
+const HYSTERESIS: f32 = 1.05;
+/// By how much the threshold rises with every frame that hit a limit.
+const RAISE: f32 = 1.1;
+/// By how much it falls with every frame that has room.
+const LOWER: f32 = 1.02;
+/// The most that it is raised.
+const MOST_RAISED: f32 = 1e6;
+/// There is room where no limit is used by more than this part.
+const ROOMY: f64 = 0.85;
+/// What the raised threshold is a multiple of, where less than this was asked for, in pixels.
+const LEAST_RAISED_PIXELS: f32 = 0.01;
+/// How long a navigator that is to settle waits for the I/O process at a time.
+const PATIENCE: Duration = Duration::from_millis(100);
+
+/// How to navigate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NavigatorOptions {
+    /// Bytes of RAM for everything that grows with the model, the open model included.
+    pub memory: u64,
+    /// Error to be drawn at most, in pixels.
+    pub pixels: f32,
+    /// Width of the picture in pixels.
+    pub width: u32,
+    /// Height of the picture in pixels.
+    pub height: u32,
+    /// How changes depend on each other.
+    pub dependency: Dependency,
+    /// Most triangles to be drawn.
+    pub max_triangles: Option<u64>,
+    /// How the I/O process runs.
+    pub io: Io,
+    /// Whether parents and children of pages in use are prefetched.
+    pub prefetch: bool,
+    /// Whether a flushed page that is still in RAM is used again without a disk read.
+    pub second_chance: bool,
+}
+
+impl Default for NavigatorOptions {
+    /// 16 MiB, one pixel at 1920 × 1080, all as in the paper.
+    fn default() -> Self {
+        NavigatorOptions {
+            memory: 16 << 20,
+            pixels: 1.0,
+            width: 1920,
+            height: 1080,
+            dependency: Dependency::Implicit,
+            max_triangles: None,
+            io: Io::Thread,
+            prefetch: true,
+            second_chance: true,
+        }
+    }
+}
+
+/// What can go wrong in navigation.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum NavigatorError {
+    /// The disk failed, or the model file is damaged.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// A page is sound in itself, but does not fit to the others.
+    #[error("{}: meta-node {page}: {source}; the file is damaged, build it again", path.display())]
+    Misfit {
+        /// The model file.
+        path: PathBuf,
+        /// Number of the meta-node.
+        page: u32,
+        /// What does not fit.
+        source: Misfit,
+    },
+    /// A root is not one.
+    #[error("{}: root {root} has the id {id} of a leaf; the file is damaged, build it again", path.display())]
+    Root {
+        /// The model file.
+        path: PathBuf,
+        /// Which root, counted from 0.
+        root: usize,
+        /// Its id.
+        id: u32,
+    },
+    /// The memory allowed is too little.
+    #[error(transparent)]
+    Budget(#[from] BudgetError),
+    /// The camera cannot be.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// An option is out of range.
+    #[error("{problem}")]
+    Options {
+        /// What is wrong.
+        problem: String,
+    },
+    /// The system gives no thread.
+    #[error("cannot start the I/O thread: {source}")]
+    Thread {
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+/// A vertex of the drawn mesh.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ActiveNode {
+    /// Number of the node in the front: below [`Navigator::node_bound`], kept while the node is active.
+    pub node: u32,
+    /// The leaf whose position it has: the first under it.
+    pub leaf: u32,
+    /// One past the last leaf under it.
+    pub end_leaf: u32,
+    /// Where it stands, in mesh units relative to the model's origin.
+    pub position: [f32; 3],
+    /// Its dependency id.
+    pub id: u32,
+    /// Its switch value, in mesh units; 0 for a leaf.
+    pub switch: f32,
+}
+
+/// A triangle of the drawn mesh.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ActiveTriangle {
+    /// The active nodes that are its corners, by their numbers in the front.
+    pub nodes: [u32; 3],
+    /// The leaves whose positions they have.
+    pub leaves: [u32; 3],
+    /// Those positions, in mesh units relative to the model's origin.
+    pub positions: [[f32; 3]; 3],
+    /// The triangle of the input mesh that this one stands for: its corners as leaf numbers.
+    pub source: [u32; 3],
+}
+
+/// What the last frame was like, for the next and for [`Navigator::settled`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct LastFrame {
+    camera: Camera,
+    is_at_rest: bool,
+}
+
+/// A model being looked at.
+#[derive(Debug)]
+pub struct Navigator {
+    model: Arc<Model>,
+    options: NavigatorOptions,
+    budget: Budget,
+    front: Front,
+    paging: Paging,
+    chain: Chain,
+    split_candidates: BinaryHeap<u64>,
+    collapse_candidates: BinaryHeap<u64>,
+    frame: u64,
+    threshold_factor: f32,
+    last_frame: Option<LastFrame>,
+    /// The camera of the last frame that hit a limit.
+    limited_at: Option<Camera>,
+    pool_counters: PoolCounters,
+}
+
+/// The larger the error, the later; among equals, the larger number.
+fn split_key(error: f32, node: u32) -> u64 {
+    // The bits of floats that are not negative are in their order.
+    u64::from(error.to_bits()) << 32 | u64::from(node)
+}
+
+/// The smaller the id, the later.
+fn collapse_key(id: u32, node: u32) -> u64 {
+    !(u64::from(id) << 32 | u64::from(node))
+}
+
+impl Navigator {
+    /// Allocates all memory, makes all roots active, loads the root pages and prefetches their children.
+    pub fn open(model: Arc<Model>, options: NavigatorOptions) -> Result<Self, NavigatorError> {
+        if !(options.pixels >= 0.0 && options.pixels.is_finite()) {
+            let problem = format!("an error of {} pixels cannot be: give 0 or more", options.pixels);
+            return Err(NavigatorError::Options { problem });
+        }
+        if options.width == 0 || options.height == 0 {
+            let problem = format!("a picture of {}x{} pixels cannot be", options.width, options.height);
+            return Err(NavigatorError::Options { problem });
+        }
+        let leaf_count = model.header().leaf_count;
+        if let Some((root, wrong)) = model.roots().iter().enumerate().find(|(_, root)| root.id < leaf_count) {
+            return Err(NavigatorError::Root { path: model.path().into(), root, id: wrong.id });
+        }
+        let budget = budget::plan(&model, options.memory)?;
+        let front = Front::new(model.roots(), leaf_count, budget.nodes, budget.triangles, budget.born_triangles);
+        let paging = Paging::start(model.clone(), budget.slots, options.io, options.prefetch, options.second_chance)?;
+        Ok(Navigator {
+            model,
+            options,
+            budget,
+            front,
+            paging,
+            chain: Chain::new(),
+            split_candidates: BinaryHeap::with_capacity(budget.split_candidates),
+            collapse_candidates: BinaryHeap::with_capacity(budget.collapse_candidates),
+            frame: 0,
+            threshold_factor: 1.0,
+            last_frame: None,
+            limited_at: None,
+            pool_counters: PoolCounters::default(),
+        })
+    }
+
+    /// Adapts the front to the camera, as far as pages, limits and dependencies allow.
+    ///
+    /// After an error the front is still that of a cut, and the next frame goes on from there.
+    pub fn frame(&mut self, camera: &Camera) -> Result<FrameStatistics, NavigatorError> {
+        let (start, cpu_start) = (Instant::now(), thread_cpu_time());
+        let header = self.model.header();
+        let view = View::new(camera, header, self.options.width, self.options.height)?;
+        self.last_frame = None;
+        self.check_failure()?;
+        let mut statistics = FrameStatistics {
+            frame: self.frame,
+            threshold_factor: self.threshold_factor,
+            ..FrameStatistics::default()
+        };
+        self.frame += 1;
+
+        let threshold = self.threshold();
+        self.evaluate(&view, threshold);
+        self.collapse(&view, threshold, &mut statistics);
+        self.split(&view, threshold, &mut statistics)?;
+        self.check_failure()?;
+
+        statistics.requests = statistics.splits + statistics.collapses + statistics.misses;
+        statistics.triangles = self.front.triangle_count() as u64;
+        statistics.vertices = self.front.active_count() as u64;
+        statistics.pages_in_use = self.paging.pool().in_use() as u64;
+        let counters = self.paging.pool().counters();
+        statistics.set_pool_counters(self.pool_counters, counters);
+        self.pool_counters = counters;
+        self.adjust_threshold(camera, statistics.over_budget > 0);
+        let is_at_rest = statistics.requests == 0 && self.threshold_factor == statistics.threshold_factor;
+        self.last_frame = Some(LastFrame { camera: *camera, is_at_rest });
+        statistics.frame_ms = start.elapsed().as_secs_f64() * 1e3;
+        statistics.cpu_ms = (thread_cpu_time() - cpu_start).as_secs_f64() * 1e3;
+        statistics.error_stated = self.error_in(&view);
+        Ok(statistics)
+    }
+
+    /// Runs frames with this camera until nothing changes any more, but no more than `max_frames`; the last frame's
+    /// statistics. Waits for the I/O process in between.
+    pub fn run_until_settled(&mut self, camera: &Camera, max_frames: u64) -> Result<FrameStatistics, NavigatorError> {
+        let mut statistics = self.frame(camera)?;
+        for _ in 1..max_frames {
+            if self.settled() {
+                break;
+            }
+            self.paging.board().wait_until_idle(PATIENCE);
+            statistics = self.frame(camera)?;
+        }
+        Ok(statistics)
+    }
+
+    /// Whether another frame with the same camera would change nothing: nothing is missing, nothing outstanding, and
+    /// the last frame changed nothing.
+    pub fn settled(&self) -> bool {
+        self.last_frame.is_some_and(|frame| frame.is_at_rest) && self.paging.board().is_idle()
+    }
+
+    /// The camera of the last frame, if it did not fail.
+    pub fn last_camera(&self) -> Option<&Camera> {
+        self.last_frame.as_ref().map(|frame| &frame.camera)
+    }
+
+    /// The model.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// Bytes of the memory allowed that are allocated, the open model included; all that will ever be.
+    pub fn budget_bytes(&self) -> u64 {
+        self.budget.bytes
+    }
+
+    /// Number of place holders.
+    pub fn place_holders(&self) -> usize {
+        self.budget.slots
+    }
+
+    /// Number of triangles drawn.
+    pub fn triangle_count(&self) -> usize {
+        self.front.triangle_count()
+    }
+
+    /// Number of active nodes, that is of vertices.
+    pub fn active_count(&self) -> usize {
+        self.front.active_count()
+    }
+
+    /// The numbers of active nodes are below this.
+    pub fn node_bound(&self) -> u32 {
+        self.front.node_bound()
+    }
+
+    /// The vertices of the drawn mesh; also roots that no triangle is left of.
+    pub fn active_nodes(&self) -> impl Iterator<Item = ActiveNode> + '_ {
+        self.front.nodes().filter(|node| self.front.is_active(*node)).map(|node| {
+            let sphere = self.front.sphere(node);
+            let (leaf, end_leaf) = self.front.interval(node);
+            ActiveNode {
+                node,
+                leaf,
+                end_leaf,
+                position: sphere.position,
+                id: self.front.id(node),
+                switch: sphere.switch,
+            }
+        })
+    }
+
+    /// The triangles of the drawn mesh.
+    pub fn triangles(&self) -> impl Iterator<Item = ActiveTriangle> + '_ {
+        self.front.triangles().map(|(source, nodes)| ActiveTriangle {
+            nodes,
+            leaves: nodes.map(|node| self.front.interval(node).0),
+            positions: nodes.map(|node| self.front.sphere(node).position),
+            source,
+        })
+    }
+
+    pub(crate) fn front(&self) -> &Front {
+        &self.front
+    }
+
+    pub(crate) fn paging(&self) -> &Paging {
+        &self.paging
+    }
+
+    pub(crate) fn dependency(&self) -> Dependency {
+        self.options.dependency
+    }
+
+    fn check_failure(&self) -> Result<(), NavigatorError> {
+        self.paging.board().take_failure().map_or(Ok(()), |failure| Err(failure.into()))
+    }
+
+    /// The error allowed at the moment, in pixels.
+    fn threshold(&self) -> f32 {
+        if self.threshold_factor > 1.0 {
+            self.options.pixels.max(LEAST_RAISED_PIXELS) * self.threshold_factor
+        } else {
+            self.options.pixels
+        }
+    }
+
+    /// Collects what is to be split and what to be collapsed.
+    fn evaluate(&mut self, view: &View, threshold: f32) {
+        let (for_split, for_collapse) = (view.against(threshold), view.against(threshold / HYSTERESIS));
+        let mut splits = std::mem::take(&mut self.split_candidates).into_vec();
+        let mut collapses = std::mem::take(&mut self.collapse_candidates).into_vec();
+        splits.clear();
+        collapses.clear();
+        for (node, (state, sphere)) in self.front.evaluation_stream().enumerate() {
+            let node = node as u32;
+            match state {
+                State::Active => {
+                    if let Some(error) = for_split.exceeded(sphere) {
+                        splits.push(split_key(error, node));
+                    }
+                }
+                State::Collapsible => {
+                    if for_collapse.exceeded(sphere).is_none() {
+                        collapses.push(collapse_key(self.front.id(node), node));
+                    }
+                }
+                State::Free | State::Leaf | State::Split => (),
+            }
+        }
+        self.split_candidates = splits.into();
+        self.collapse_candidates = collapses.into();
+    }
+
+    fn collapse(&mut self, view: &View, threshold: f32, statistics: &mut FrameStatistics) {
+        let for_collapse = view.against(threshold / HYSTERESIS);
+        while let Some(key) = self.collapse_candidates.pop() {
+            let node = !key as u32;
+            if self.options.dependency == Dependency::Implicit && dependency::collapse_is_blocked(&self.front, node) {
+                statistics.blocked += 1;
+                continue;
+            }
+            let slot = self.front.page_or_slot(node);
+            self.front.collapse(node, self.paging.page_number(slot));
+            self.paging.end_use(slot);
+            statistics.collapses += 1;
+            let parent = self.front.parent(node);
+            let follows = self.front.state(parent) == State::Collapsible
+                && for_collapse.exceeded(self.front.sphere(parent)).is_none();
+            if follows {
+                self.collapse_candidates.push(collapse_key(self.front.id(parent), parent));
+            }
+        }
+    }
+
+    fn split(&mut self, view: &View, threshold: f32, statistics: &mut FrameStatistics) -> Result<(), NavigatorError> {
+        let for_split = view.against(threshold);
+        let triangle_limit = self.triangle_limit();
+        let candidates = &mut self.split_candidates;
+        let most_candidates = self.budget.split_candidates;
+        let mut refiner = Refiner {
+            front: &mut self.front,
+            paging: &mut self.paging,
+            chain: &mut self.chain,
+            dependency: self.options.dependency,
+            triangle_limit,
+        };
+        while let Some(key) = candidates.pop() {
+            let node = key as u32;
+            // Forced before, or undone since.
+            let is_wish =
+                refiner.front.state(node) == State::Active && for_split.exceeded(refiner.front.sphere(node)).is_some();
+            if !is_wish {
+                continue;
+            }
+            let refinement = refiner.split(node, |front, parent| {
+                for child in front.children(parent) {
+                    let is_candidate = front.state(child) == State::Active && candidates.len() < most_candidates;
+                    if is_candidate && let Some(error) = for_split.exceeded(front.sphere(child)) {
+                        candidates.push(split_key(error, child));
+                    }
+                }
+            })?;
+            statistics.splits += refinement.splits;
+            statistics.forced += refinement.forced;
+            match refinement.outcome {
+                Outcome::Split => (),
+                Outcome::Missing => statistics.misses += 1,
+                Outcome::Blocked => statistics.blocked += 1,
+                Outcome::PoolFull => statistics.over_budget += 1,
+                Outcome::FrontFull => {
+                    // It is full for the others too.
+                    statistics.over_budget += 1 + candidates.len() as u64;
+                    break;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Most triangles to be drawn, by the options and by the room there is.
+    fn triangle_limit(&self) -> usize {
+        let asked = self.options.max_triangles.map(|limit| usize::try_from(limit).unwrap_or(usize::MAX));
+        asked.unwrap_or(usize::MAX).min(self.front.triangle_capacity())
+    }
+
+    /// Raises the threshold after a frame that hit a limit, and lowers it again while there is room.
+    fn adjust_threshold(&mut self, camera: &Camera, hit_limit: bool) {
+        if hit_limit {
+            self.threshold_factor = (self.threshold_factor * RAISE).min(MOST_RAISED);
+            self.limited_at = Some(*camera);
+        } else if self.threshold_factor > 1.0 && self.limited_at != Some(*camera) && self.has_room() {
+            self.threshold_factor = (self.threshold_factor / LOWER).max(1.0);
+        }
+    }
+
+    /// Whether no limit is nearly reached. One that the whole model does not reach is none.
+    fn has_room(&self) -> bool {
+        let header = self.model.header();
+        let roomy = |used: usize, limit: usize, whole: usize| limit >= whole || (used as f64) < limit as f64 * ROOMY;
+        let nodes = header.leaf_count as usize + header.split_count as usize;
+        // One place holder is never in use.
+        let (slots, pages) = (self.budget.slots - 1, header.page_count as usize + SPARE_SLOTS - 1);
+        roomy(self.front.node_count(), self.front.node_capacity(), nodes)
+            && roomy(self.front.triangle_count(), self.triangle_limit(), header.triangle_count as usize)
+            && roomy(self.paging.pool().in_use(), slots, pages)
+    }
+
+    /// Largest switch value of the active nodes that can be in the picture.
+    fn error_in(&self, view: &View) -> f32 {
+        let larger = |largest: f32, (state, sphere): (State, &Sphere)| {
+            let counts = state == State::Active && sphere.switch > largest && view.can_see(sphere);
+            if counts { sphere.switch } else { largest }
+        };
+        self.front.evaluation_stream().fold(0.0, larger)
+    }
+}

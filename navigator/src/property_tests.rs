@@ -1,0 +1,450 @@
+//! The navigator as a whole: random trees, blockings, budgets and camera paths.
+
+use std::collections::HashSet;
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3};
+use metanode::header::Blocking;
+use metanode::model::Model;
+use metanode::page::PageLocation;
+use proptest::prelude::*;
+use storage::{Disk, FaultyDisk, MemoryDisk};
+use vdt::tree::{NO_SPLIT, Tree};
+
+use crate::check::check;
+use crate::testing::{self, Mesh, Random, SMALL_PAGES};
+use crate::view::{Sphere, View};
+use crate::{Camera, Dependency, FrameStatistics, Io, Navigator, NavigatorError, NavigatorOptions};
+
+fn open(disk: &dyn Disk) -> Arc<Model> {
+    Arc::new(Model::open(disk, Path::new("model.vdt")).unwrap())
+}
+
+fn navigator(tree: &Tree, options: &NavigatorOptions) -> Navigator {
+    Navigator::open(testing::model_of(tree), options.clone()).unwrap()
+}
+
+/// Options for pictures in which small models have large errors.
+fn options() -> NavigatorOptions {
+    NavigatorOptions { width: 320, height: 240, io: Io::Sync, memory: 1 << 30, ..NavigatorOptions::default() }
+}
+
+/// The fewest bytes with which the model can be navigated.
+fn smallest_memory(model: &Arc<Model>) -> u64 {
+    match Navigator::open(model.clone(), NavigatorOptions { memory: 0, ..options() }) {
+        Err(NavigatorError::Budget(error)) => error.smallest,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// A camera around the model: `place` and `aim` are in diagonals from the middle of its box.
+fn camera(model: &Model, place: [f64; 3], aim: [f64; 3]) -> Camera {
+    let header = model.header();
+    let corner = |corner: [f32; 3]| DVec3::from_array(corner.map(f64::from));
+    let middle = DVec3::from_array(header.origin) + (corner(header.minimum) + corner(header.maximum)) / 2.0;
+    let size = header.diagonal().max(1.0);
+    let eye = middle + DVec3::from_array(place) * size;
+    let target = middle + DVec3::from_array(aim) * size;
+    Camera::looking_at(eye, if target == eye { eye + DVec3::X } else { target }, 60.0)
+}
+
+/// The mesh of the cut, by its definition: the triangles whose corners have three distinct active ancestors.
+fn assert_is_mesh_of_cut(navigator: &Navigator, tree: &Tree) {
+    let mut ancestors = vec![u32::MAX; tree.leaf_count()];
+    for node in navigator.active_nodes() {
+        ancestors[node.leaf as usize..node.end_leaf as usize].fill(node.leaf);
+        assert_eq!(node.position, tree.positions[node.leaf as usize]);
+    }
+    let ancestors_of = |corners: &[u32; 3]| corners.map(|corner| ancestors[corner as usize]);
+    let is_drawn = |corners: &&[u32; 3]| {
+        let [a, b, c] = ancestors_of(corners);
+        a != b && b != c && c != a
+    };
+    let mut expected: Vec<_> =
+        tree.triangles.corners.iter().filter(is_drawn).map(|corners| (*corners, ancestors_of(corners))).collect();
+    let mut drawn: Vec<_> = navigator.triangles().map(|triangle| (triangle.source, triangle.leaves)).collect();
+    expected.sort_unstable();
+    drawn.sort_unstable();
+    assert!(expected == drawn, "{} triangles are drawn, {} belong to the cut", drawn.len(), expected.len());
+    for triangle in navigator.triangles() {
+        assert_eq!(triangle.positions, triangle.leaves.map(|leaf| tree.positions[leaf as usize]));
+    }
+}
+
+/// The first leaves of the active nodes.
+fn starts(navigator: &Navigator) -> Vec<u32> {
+    let mut starts: Vec<_> = navigator.active_nodes().map(|node| node.leaf).collect();
+    starts.sort_unstable();
+    starts
+}
+
+/// The same for the cut in which exactly the nodes are split whose error is above the threshold and whose ancestors'
+/// are.
+fn cut_by_criterion(tree: &Tree, view: &View, pixels: f32) -> Vec<u32> {
+    let mut starts = Vec::new();
+    for root in &tree.roots {
+        let mut stack = vec![(root.start, root.split)];
+        while let Some((start, split)) = stack.pop() {
+            let is_split = split != NO_SPLIT && {
+                let split = &tree.splits[split as usize];
+                let position = tree.positions[start as usize];
+                let sphere = Sphere { position, radius: split.radius, switch: split.switch, cone: split.cone };
+                view.pixel_error(&sphere) > pixels
+            };
+            if is_split {
+                stack.push((start, tree.splits[split as usize].kept));
+                stack.push((split, tree.splits[split as usize].born));
+            } else {
+                starts.push(start);
+            }
+        }
+    }
+    starts.sort_unstable();
+    starts
+}
+
+fn meshes() -> impl Strategy<Value = Mesh> {
+    let one = prop_oneof![
+        (1..16_u32, 1..16_u32, any::<u64>()).prop_map(|(width, height, seed)| Mesh::grid(width, height, seed)),
+        (0..4_u32).prop_map(Mesh::sphere),
+        (2..10_u32, 2..10_u32, any::<u64>()).prop_map(|(w, h, seed)| Mesh::grid(w, h, seed).tangled(seed)),
+    ];
+    prop_oneof![2 => one.clone(), 1 => prop::collection::vec(one, 1..6).prop_map(Mesh::beside)]
+}
+
+fn trees() -> impl Strategy<Value = Tree> {
+    let choice = prop_oneof![Just(1_usize), Just(4), Just(30)];
+    (meshes(), any::<u64>(), choice).prop_map(|(mesh, seed, choice)| mesh.into_tree(seed, choice))
+}
+
+fn blockings() -> impl Strategy<Value = Blocking> {
+    prop_oneof![
+        3 => (4096..6000_u32, 2..9_u32)
+            .prop_map(|(slot_bytes, fan_out)| Blocking::Forest { slot_bytes, fan_out }),
+        2 => (1..6_u32).prop_map(|levels| Blocking::Levels { levels }),
+    ]
+}
+
+fn cameras() -> impl Strategy<Value = Vec<([f64; 3], [f64; 3])>> {
+    let place = prop::array::uniform3(-1.5..1.5_f64);
+    let aim = prop::array::uniform3(-0.4..0.4_f64);
+    prop::collection::vec((place, aim), 1..8)
+}
+
+/// Each camera held for two frames, with one half way in between.
+fn path(model: &Model, cameras: &[([f64; 3], [f64; 3])]) -> Vec<Camera> {
+    let mut path = Vec::new();
+    for (index, (place, aim)) in cameras.iter().enumerate() {
+        path.extend([camera(model, *place, *aim); 2]);
+        if let Some((next, next_aim)) = cameras.get(index + 1) {
+            let middle = |a: &[f64; 3], b: &[f64; 3]| [0, 1, 2].map(|axis| (a[axis] + b[axis]) / 2.0);
+            path.push(camera(model, middle(place, next), middle(aim, next_aim)));
+        }
+    }
+    path
+}
+
+fn dependencies() -> impl Strategy<Value = Dependency> {
+    prop_oneof![Just(Dependency::Implicit), Just(Dependency::None)]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+
+    #[test]
+    fn every_frame_shows_the_mesh_of_a_cut(
+        tree in trees(),
+        blocking in blockings(),
+        cameras in cameras(),
+        dependency in dependencies(),
+        io in prop_oneof![Just(Io::Sync), Just(Io::Thread)],
+        (pixels, share, max_triangles) in (0.3..6.0_f32, 0.0..1.2_f64, prop::option::of(10..400_u64)),
+        (prefetch, second_chance) in any::<(bool, bool)>(),
+    ) {
+        let disk = testing::disk_of(&tree, blocking);
+        let model = open(&disk);
+        let (smallest, whole) = (smallest_memory(&model), 1 << 20);
+        let memory = smallest + ((whole as f64 - smallest as f64).max(0.0) * share * share) as u64;
+        let options =
+            NavigatorOptions { memory, pixels, dependency, io, max_triangles, prefetch, second_chance, ..options() };
+        let mut navigator = Navigator::open(model.clone(), options).unwrap();
+        prop_assert!(navigator.budget_bytes() <= memory);
+        prop_assert_eq!(navigator.active_count(), tree.roots.len());
+        let path = path(&model, &cameras);
+        for (number, camera) in path.iter().enumerate() {
+            let statistics = navigator.frame(camera).unwrap();
+            check(&navigator).unwrap();
+            assert_is_mesh_of_cut(&navigator, &tree);
+            prop_assert_eq!(statistics.frame, number as u64);
+            prop_assert_eq!(statistics.triangles, navigator.triangle_count() as u64);
+            prop_assert_eq!(statistics.requests, statistics.splits + statistics.collapses + statistics.misses);
+            prop_assert!(statistics.triangles <= max_triangles.unwrap_or(u64::MAX));
+            prop_assert!(statistics.forced <= statistics.splits);
+            if io == Io::Sync {
+                prop_assert_eq!(statistics.misses, 0);
+            }
+            if !second_chance {
+                prop_assert_eq!(statistics.second_chances, 0);
+            }
+        }
+        // Limits and all: with the camera at rest, the picture comes to rest.
+        navigator.run_until_settled(path.last().unwrap(), 2000).unwrap();
+        prop_assert!(navigator.settled());
+        check(&navigator).unwrap();
+        assert_is_mesh_of_cut(&navigator, &tree);
+    }
+
+    #[test]
+    fn the_settled_cut_is_that_of_the_criterion(
+        tree in trees(),
+        blocking in blockings(),
+        cameras in cameras(),
+        pixels in 0.3..6.0_f32,
+        io in prop_oneof![Just(Io::Sync), Just(Io::Thread)],
+    ) {
+        let disk = testing::disk_of(&tree, blocking);
+        let model = open(&disk);
+        let options = NavigatorOptions { pixels, io, dependency: Dependency::None, ..options() };
+        let path = path(&model, &cameras);
+        let view = |camera: &Camera| View::new(camera, model.header(), options.width, options.height).unwrap();
+
+        let mut fresh = Navigator::open(model.clone(), options.clone()).unwrap();
+        let statistics = fresh.run_until_settled(&path[0], 10_000).unwrap();
+        prop_assert!(fresh.settled());
+        prop_assert_eq!(starts(&fresh), cut_by_criterion(&tree, &view(&path[0]), pixels));
+        prop_assert_eq!(statistics.threshold_factor, 1.0);
+
+        // After a flight, between the cuts of the two thresholds of the hysteresis.
+        for camera in &path {
+            fresh.frame(camera).unwrap();
+        }
+        let last = path.last().unwrap();
+        fresh.run_until_settled(last, 10_000).unwrap();
+        prop_assert!(fresh.settled());
+        let found: HashSet<u32> = starts(&fresh).into_iter().collect();
+        let finer: HashSet<u32> = cut_by_criterion(&tree, &view(last), pixels / 1.05).into_iter().collect();
+        prop_assert!(found.is_subset(&finer));
+        prop_assert!(cut_by_criterion(&tree, &view(last), pixels).iter().all(|start| found.contains(start)));
+    }
+
+    /// Dependencies delay nothing for ever: what is to be split is split, with all that has to be split for it.
+    #[test]
+    fn forced_splits_reach_the_error_asked_for(
+        tree in trees(),
+        blocking in blockings(),
+        cameras in cameras(),
+        pixels in 0.3..6.0_f32,
+        io in prop_oneof![Just(Io::Sync), Just(Io::Thread)],
+    ) {
+        let disk = testing::disk_of(&tree, blocking);
+        let model = open(&disk);
+        let options = NavigatorOptions { pixels, io, ..options() };
+        let mut navigator = Navigator::open(model.clone(), options.clone()).unwrap();
+        for camera in path(&model, &cameras) {
+            navigator.run_until_settled(&camera, 10_000).unwrap();
+            prop_assert!(navigator.settled());
+            check(&navigator).unwrap();
+            let view = View::new(&camera, model.header(), options.width, options.height).unwrap();
+            let found: HashSet<u32> = starts(&navigator).into_iter().collect();
+            prop_assert!(cut_by_criterion(&tree, &view, pixels).iter().all(|start| found.contains(start)));
+        }
+    }
+
+    /// Whatever a page says, as long as its checksum is right: an error, or the mesh of some cut.
+    #[test]
+    fn altered_pages_do_no_harm(
+        tree in trees(),
+        blocking in blockings(),
+        cameras in cameras(),
+        seed in any::<u64>(),
+        dependency in dependencies(),
+    ) {
+        let disk = testing::disk_of(&tree, blocking);
+        alter(&disk, seed);
+        let Ok(model) = Model::open(&disk, Path::new("model.vdt")) else { return Ok(()) };
+        let model = Arc::new(model);
+        let options = NavigatorOptions { pixels: 0.5, dependency, ..options() };
+        let Ok(mut navigator) = Navigator::open(model.clone(), options) else { return Ok(()) };
+        for camera in path(&model, &cameras) {
+            if let Err(error) = navigator.frame(&camera) {
+                let message = error.to_string();
+                prop_assert!(message.starts_with("model.vdt: meta-node"), "{}", message);
+            }
+            check(&navigator).unwrap();
+        }
+    }
+}
+
+/// Where all pages of a model lie.
+fn all_pages(model: &Model) -> Vec<PageLocation> {
+    let mut locations = model.root_pages().to_vec();
+    let (mut staging, mut page, mut next) = (Vec::new(), model.empty_page(), 0);
+    while next < locations.len() {
+        model.read_page(locations[next], &mut staging, &mut page).unwrap();
+        locations.extend(page.children());
+        next += 1;
+    }
+    locations
+}
+
+/// Changes one word of one page, and makes the checksum right again.
+fn alter(disk: &MemoryDisk, seed: u64) {
+    let mut random = Random(seed);
+    let model = open(disk);
+    let pages = all_pages(&model);
+    let page = pages[random.below(pages.len())];
+    let mut bytes = disk.bytes("model.vdt").unwrap();
+    let (start, end) = (page.offset as usize, page.offset as usize + page.length as usize);
+    let body = &mut bytes[start..end - 4];
+    let place = random.below(body.len() / 4) * 4;
+    let word: [u8; 4] = body[place..place + 4].try_into().unwrap();
+    let word = u32::from_le_bytes(word);
+    let other = match random.below(4) {
+        0 => word ^ 1 << random.below(32),
+        1 => word.wrapping_add(1),
+        2 => word.wrapping_sub(1),
+        _ => random.below(model.header().leaf_count as usize * 2) as u32,
+    };
+    body[place..place + 4].copy_from_slice(&other.to_le_bytes());
+    let checksum = crc32fast::hash(body);
+    bytes[end - 4..end].copy_from_slice(&checksum.to_le_bytes());
+    disk.insert("model.vdt", bytes);
+}
+
+#[test]
+fn everything_is_drawn_when_asked_for() {
+    for dependency in [Dependency::Implicit, Dependency::None] {
+        for tree in [testing::sphere_tree(3, 5), testing::grid_tree(20, 20, 5), testing::triangle_tree()] {
+            let options = NavigatorOptions { pixels: 0.0, dependency, ..options() };
+            let mut navigator = navigator(&tree, &options);
+            let camera = camera(navigator.model(), [1.0, 0.5, 0.5], [0.0; 3]);
+            navigator.run_until_settled(&camera, 100).unwrap();
+            check(&navigator).unwrap();
+            assert_eq!(navigator.active_count(), tree.leaf_count());
+            assert_eq!(navigator.triangle_count(), tree.triangles.corners.len());
+        }
+    }
+}
+
+#[test]
+fn from_far_away_only_the_roots_are_left() {
+    for dependency in [Dependency::Implicit, Dependency::None] {
+        let tree = Mesh::beside(vec![Mesh::sphere(3), Mesh::grid(20, 20, 1)]).into_tree(2, 10);
+        let mut navigator = navigator(&tree, &NavigatorOptions { dependency, ..options() });
+        let near = camera(navigator.model(), [0.3, 0.2, 0.3], [0.0; 3]);
+        navigator.run_until_settled(&near, 100).unwrap();
+        assert!(navigator.triangle_count() > 500);
+        let far = Camera { eye: near.eye + DVec3::splat(1e6), ..near };
+        let statistics = navigator.run_until_settled(&far, 100).unwrap();
+        check(&navigator).unwrap();
+        assert_eq!((navigator.active_count(), navigator.triangle_count()), (2, 0));
+        assert_eq!(statistics.pages_in_use, 0);
+    }
+}
+
+#[test]
+fn the_empty_model_has_frames() {
+    for io in [Io::Sync, Io::Thread] {
+        let mut navigator = navigator(&testing::empty_tree(), &NavigatorOptions { io, ..options() });
+        let camera = camera(navigator.model(), [1.0, 0.0, 0.0], [0.0; 3]);
+        let statistics = navigator.run_until_settled(&camera, 10).unwrap();
+        assert!(navigator.settled());
+        assert_eq!((statistics.triangles, statistics.vertices), (0, 0));
+        check(&navigator).unwrap();
+    }
+}
+
+#[test]
+fn a_flight_is_the_same_each_time() {
+    let tree = testing::grid_tree(40, 40, 9);
+    let model = testing::model_of(&tree);
+    let memory = smallest_memory(&model) + 60_000;
+    let fly = || {
+        let mut navigator = Navigator::open(model.clone(), NavigatorOptions { memory, ..options() }).unwrap();
+        let cameras = "flyby:60".parse::<crate::PathSpec>().unwrap().cameras(&MemoryDisk::new(), &model).unwrap();
+        let untimed = |camera| {
+            let statistics = navigator.frame(camera).unwrap();
+            FrameStatistics { frame_ms: 0.0, cpu_ms: 0.0, ..statistics }
+        };
+        cameras.iter().map(untimed).collect::<Vec<_>>()
+    };
+    let first = fly();
+    assert_eq!(first, fly());
+    assert!(first.iter().any(|frame| frame.second_chances > 0));
+    assert!(first.iter().any(|frame| frame.threshold_factor > 1.0));
+    assert!(first.iter().any(|frame| frame.prefetch_given_up > 0));
+}
+
+#[test]
+fn what_cannot_be_is_refused() {
+    let model = testing::model_of(&testing::triangle_tree());
+    let refuse = |options| Navigator::open(model.clone(), options).unwrap_err().to_string();
+    assert!(refuse(NavigatorOptions { pixels: -1.0, ..options() }).contains("-1 pixels"));
+    assert!(refuse(NavigatorOptions { pixels: f32::NAN, ..options() }).contains("pixels"));
+    assert!(refuse(NavigatorOptions { width: 0, ..options() }).contains("0x240"));
+    assert!(refuse(NavigatorOptions { memory: 10, ..options() }).contains("run again with --memory"));
+    let mut navigator = Navigator::open(model.clone(), options()).unwrap();
+    let nowhere = Camera { eye: DVec3::NAN, ..camera(&model, [1.0; 3], [0.0; 3]) };
+    assert!(matches!(navigator.frame(&nowhere), Err(NavigatorError::Camera(_))));
+    assert!(!navigator.settled());
+}
+
+/// A disk that fails: the frame after it says so, nothing hangs, and once it is healed the flight goes on.
+#[test]
+fn disk_errors_are_told_and_survived() {
+    let tree = testing::grid_tree(30, 30, 3);
+    for io in [Io::Sync, Io::Thread] {
+        for reads in 0..12 {
+            let disk = FaultyDisk::new(Arc::new(testing::disk_of(&tree, SMALL_PAGES)));
+            let model = open(&disk);
+            let options = NavigatorOptions { io, pixels: 0.5, ..options() };
+            let near = camera(&model, [0.1, 0.2, 0.3], [0.0; 3]);
+            disk.fail_reads_after(reads);
+            let mut error = None;
+            match Navigator::open(model.clone(), options) {
+                Err(failure) => error = Some(failure),
+                Ok(mut navigator) => {
+                    for _ in 0..100 {
+                        match navigator.run_until_settled(&near, 100) {
+                            Ok(_) => (),
+                            Err(failure) => error = Some(failure),
+                        }
+                        check(&navigator).unwrap();
+                    }
+                    disk.heal();
+                    // What failed in between may still be told once.
+                    let settled =
+                        (0..100).any(|_| navigator.run_until_settled(&near, 10_000).is_ok() && navigator.settled());
+                    assert!(settled);
+                    check(&navigator).unwrap();
+                    assert_is_mesh_of_cut(&navigator, &tree);
+                    assert!(navigator.triangle_count() > 500);
+                }
+            }
+            let message = error.expect("the disk failed").to_string();
+            assert!(message.contains("model.vdt") && message.contains("injected fault"), "{message}");
+        }
+    }
+}
+
+/// A camera in the middle of the surface, and a far one, in turns, in next to no memory.
+#[test]
+fn the_smallest_memory_works() {
+    let tree = Mesh::beside(vec![Mesh::sphere(4), Mesh::grid(30, 30, 1), Mesh::sphere(3)]).into_tree(2, 10);
+    let model = testing::model_of(&tree);
+    let memory = smallest_memory(&model);
+    for io in [Io::Sync, Io::Thread] {
+        let mut navigator = Navigator::open(model.clone(), NavigatorOptions { memory, io, ..options() }).unwrap();
+        for round in 0..4 {
+            let position = Vec3::from_array(tree.positions[round * 37]).as_dvec3() + DVec3::from_array(tree.origin);
+            let inside = Camera::looking_at(position, position + DVec3::new(1.0, 1.0, 0.1), 70.0);
+            for camera in [inside, camera(&model, [2.0, 1.0, 1.0], [0.0; 3])] {
+                navigator.run_until_settled(&camera, 1000).unwrap();
+                assert!(navigator.settled());
+                check(&navigator).unwrap();
+                assert_is_mesh_of_cut(&navigator, &tree);
+            }
+        }
+    }
+}

@@ -1,0 +1,241 @@
+//! Splitting a node together with all that has to be split for it: the forced splits of the implicit dependency (the
+//! paper, 3.3.5), to a fixpoint.
+//!
+//! The nodes to be split form a stack: on top of a node the neighbour that blocks it, or a child that has to follow its
+//! parent's split at once. Ids rise along a chain of blocking neighbours, so it ends. It is all or nothing: where a page
+//! is missing or a limit is reached, what was split for the wish is undone, the last one first, and the front is as it
+//! was. Else the next frame would undo it, the one after it begin again, and the picture would never come to rest.
+
+use crate::dependency::{self, Dependency};
+use crate::front::{Front, Misfit};
+use crate::navigator::NavigatorError;
+use crate::paging::Paging;
+use crate::pool::Use;
+
+/// Most nodes of a chain, and most splits that can be undone. A longer chain is worked off part by part, from its end;
+/// what is done of it stays done.
+const CHAIN_LIMIT: usize = 1024;
+/// Bytes that the chain takes.
+pub const CHAIN_BYTES: usize = (CHAIN_LIMIT + 2) * (size_of::<Link>() + size_of::<u32>());
+
+/// What became of a wish to split a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// It is split.
+    Split,
+    /// A page is missing.
+    Missing,
+    /// The front is full.
+    FrontFull,
+    /// Too many pages are in use.
+    PoolFull,
+    /// The chain of dependencies is too long for one go.
+    Blocked,
+}
+
+/// What was done for a wish.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Refinement {
+    /// What became of the wish.
+    pub outcome: Outcome,
+    /// Splits applied. Where the wish could not be fulfilled, those that a chain too long left behind.
+    pub splits: u64,
+    /// Those of them that the wish needed, but nobody wished.
+    pub forced: u64,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Link {
+    node: u32,
+    /// Whether it is a child that has to follow its parent's split: before that, the front is not as it must be.
+    follows: bool,
+}
+
+/// The stack of nodes to be split, and the log of the splits that may have to be undone.
+#[derive(Debug)]
+pub struct Chain {
+    stack: Vec<Link>,
+    log: Vec<u32>,
+}
+
+impl Chain {
+    /// An empty chain. Its memory is allocated here, once.
+    pub fn new() -> Self {
+        // The children of a node at the limit go beyond it.
+        Chain { stack: Vec::with_capacity(CHAIN_LIMIT + 2), log: Vec::with_capacity(CHAIN_LIMIT) }
+    }
+}
+
+/// What a split works on.
+#[derive(Debug)]
+pub struct Refiner<'a> {
+    /// The front.
+    pub front: &'a mut Front,
+    /// The way to the pages.
+    pub paging: &'a mut Paging,
+    /// Room for the chain.
+    pub chain: &'a mut Chain,
+    /// What keeps a split from being applied at once.
+    pub dependency: Dependency,
+    /// Most active triangles.
+    pub triangle_limit: usize,
+}
+
+/// What became of the topmost node of the stack.
+enum Step {
+    Applied,
+    /// This node has to be split before.
+    After(u32),
+    Impossible(Outcome),
+}
+
+impl Refiner<'_> {
+    /// Splits the active node `wish`, and before it what has to be. `applied` is told of every node that was split; it
+    /// may be undone again.
+    pub fn split(&mut self, wish: u32, mut applied: impl FnMut(&Front, u32)) -> Result<Refinement, NavigatorError> {
+        self.chain.stack.clear();
+        self.chain.log.clear();
+        self.chain.stack.push(Link { node: wish, follows: false });
+        let mut done = Refinement { outcome: Outcome::Split, splits: 0, forced: 0 };
+        let mut is_cut = false;
+        loop {
+            let Some(link) = self.chain.stack.last().copied() else {
+                if !is_cut {
+                    return Ok(done);
+                }
+                // The end of a long chain is done: once more from its beginning.
+                is_cut = false;
+                self.chain.stack.push(Link { node: wish, follows: false });
+                continue;
+            };
+            if !self.front.is_active(link.node) {
+                self.chain.stack.pop();
+                continue;
+            }
+            let step = if self.is_too_long() { Ok(Step::Impossible(Outcome::Blocked)) } else { self.step(link.node) };
+            match step {
+                Ok(Step::Applied) => {
+                    applied(self.front, link.node);
+                    done.splits += 1;
+                    done.forced += u64::from(link.node != wish);
+                    if self.dependency == Dependency::Implicit {
+                        self.follow_up(link.node);
+                    } else {
+                        self.chain.stack.pop();
+                    }
+                }
+                Ok(Step::After(neighbour)) => {
+                    if self.chain.stack.len() >= CHAIN_LIMIT {
+                        self.chain.stack.clear();
+                        is_cut = true;
+                    }
+                    self.chain.stack.push(Link { node: neighbour, follows: false });
+                }
+                Ok(Step::Impossible(outcome)) => {
+                    self.undo(wish, &mut done);
+                    done.outcome = outcome;
+                    return Ok(done);
+                }
+                Err(error) => {
+                    self.undo(wish, &mut done);
+                    return Err(error);
+                }
+            }
+        }
+    }
+
+    /// Whether the chain is at its limits, and cannot be cut because a child has to follow.
+    fn is_too_long(&mut self) -> bool {
+        let Chain { stack, log } = &mut self.chain;
+        if log.len() < CHAIN_LIMIT && stack.len() < CHAIN_LIMIT {
+            return false;
+        }
+        let follows = stack.iter().any(|link| link.follows);
+        if !follows && log.len() >= CHAIN_LIMIT {
+            log.clear();
+        }
+        follows
+    }
+
+    /// Applies the split of a node, if nothing is in its way.
+    fn step(&mut self, node: u32) -> Result<Step, NavigatorError> {
+        let implicit = self.dependency == Dependency::Implicit;
+        if implicit && let Some(neighbour) = dependency::blocking_neighbour(self.front, node) {
+            return self.after(node, neighbour);
+        }
+        let slot = match self.paging.begin_use(self.front, node) {
+            Use::Granted { slot } => slot,
+            Use::Missing => return Ok(Step::Impossible(Outcome::Missing)),
+            Use::Refused => return Ok(Step::Impossible(Outcome::PoolFull)),
+        };
+        let page = self.paging.page(slot);
+        let prepared = match self.front.prepare(node, &page) {
+            Ok(prepared) => prepared,
+            Err(source) => {
+                let number = page.number();
+                drop(page);
+                self.paging.cancel_use(slot);
+                return Err(self.paging.misfit(number, source));
+            }
+        };
+        let refused = if implicit && let Some(third) = dependency::blocking_third(self.front, node) {
+            Some(self.after(node, third))
+        } else {
+            let born = self.front.thirds().len();
+            let fits = self.front.has_room(born) && self.front.triangle_count() + born <= self.triangle_limit;
+            (!fits).then_some(Ok(Step::Impossible(Outcome::FrontFull)))
+        };
+        if let Some(refused) = refused {
+            drop(page);
+            self.paging.cancel_use(slot);
+            return refused;
+        }
+        self.front.split(&prepared, &page, slot);
+        drop(page);
+        self.paging.confirm_use(slot);
+        Ok(Step::Applied)
+    }
+
+    /// After the split of the topmost node: logs it, takes it off the stack, and puts its children there if they have
+    /// to follow.
+    fn follow_up(&mut self, node: u32) {
+        let Chain { stack, log } = &mut self.chain;
+        log.push(node);
+        // While a child is still to follow, so may be the children of any node: what it is too late for may be
+        // anywhere around them. Else only the new triangles matter.
+        let look_around = stack.iter().any(|link| link.follows);
+        stack.pop();
+        let thirds_are_gone = dependency::thirds_are_gone(self.front);
+        for child in self.front.children(node) {
+            let is_late = if look_around {
+                dependency::is_late(self.front, child)
+            } else {
+                thirds_are_gone.is_some_and(|gone| self.front.id(child) >= gone)
+            };
+            if is_late {
+                stack.push(Link { node: child, follows: true });
+            }
+        }
+    }
+
+    /// Undoes the splits in the log.
+    fn undo(&mut self, wish: u32, done: &mut Refinement) {
+        while let Some(node) = self.chain.log.pop() {
+            let slot = self.front.page_or_slot(node);
+            self.front.collapse(node, self.paging.page_number(slot));
+            self.paging.end_use(slot);
+            done.splits -= 1;
+            done.forced -= u64::from(node != wish);
+        }
+    }
+
+    /// The step of a node that another one blocks; an error where that other one can never give way.
+    fn after(&self, node: u32, blocking: u32) -> Result<Step, NavigatorError> {
+        if self.front.id(node) != self.front.id(blocking) {
+            return Ok(Step::After(blocking));
+        }
+        let problem = format!("two neighbours have the same id, {}", self.front.id(node));
+        let source = Misfit { record: self.front.record(node), problem };
+        Err(self.paging.misfit(self.front.page_or_slot(node), source))
+    }
+}

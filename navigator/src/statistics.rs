@@ -1,0 +1,182 @@
+//! What a frame did, and what a flight did: the figures of the paper's Table 2 and more.
+
+use crate::pool::PoolCounters;
+
+/// What one frame did.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct FrameStatistics {
+    /// Number of the frame, from 0.
+    pub frame: u64,
+    /// Active triangles after it.
+    pub triangles: u64,
+    /// Active nodes after it.
+    pub vertices: u64,
+    /// Splits applied, the forced ones among them.
+    pub splits: u64,
+    /// Collapses applied.
+    pub collapses: u64,
+    /// Nodes that were to be split, but a page for it was missing.
+    pub misses: u64,
+    /// What the frame wanted done: splits, collapses and misses.
+    pub requests: u64,
+    /// Nodes that were to be collapsed, or split, but the dependencies did not let them.
+    pub blocked: u64,
+    /// Splits of nodes that only a neighbour needed.
+    pub forced: u64,
+    /// Nodes that were to be split, but a limit was reached: nodes, triangles or place holders.
+    pub over_budget: u64,
+    /// By how much the pixel threshold is raised at the moment because of such limits.
+    pub threshold_factor: f32,
+    /// Largest error of an active node that can be in the picture, in mesh units; by the model's switch values.
+    pub error_stated: f32,
+    /// Place holders whose page is in use after the frame.
+    pub pages_in_use: u64,
+    /// Wall time of the frame, in milliseconds.
+    pub frame_ms: f64,
+    /// CPU time of the frame, in milliseconds, that of the I/O thread not included.
+    pub cpu_ms: f64,
+    /// Pages read from disk since the last frame.
+    pub reads: u64,
+    /// Their bytes in the file.
+    pub bytes_read: u64,
+    /// Flushed pages that were found in RAM again.
+    pub second_chances: u64,
+    /// Pages loaded urgently.
+    pub urgent: u64,
+    /// Prefetches given up for want of a free place holder.
+    pub prefetch_given_up: u64,
+}
+
+impl FrameStatistics {
+    /// Fills in what the pool did between two readings of its counters.
+    pub(crate) fn set_pool_counters(&mut self, before: PoolCounters, after: PoolCounters) {
+        self.reads = after.reads - before.reads;
+        self.bytes_read = after.bytes_read - before.bytes_read;
+        self.second_chances = after.second_chances - before.second_chances;
+        self.urgent = after.urgent - before.urgent;
+        self.prefetch_given_up = after.prefetch_given_up - before.prefetch_given_up;
+    }
+}
+
+/// What the frames of a flight did together.
+#[derive(Debug, Clone, Default)]
+pub struct FlightSummary {
+    triangles: u64,
+    adapts: u64,
+    misses: u64,
+    requests: u64,
+    cpu_ms: f64,
+    frame_ms: Vec<f64>,
+    /// Pages read from disk.
+    pub reads: u64,
+    /// Their bytes in the file.
+    pub bytes_read: u64,
+    /// Flushed pages that were found in RAM again.
+    pub second_chances: u64,
+    /// Pages loaded urgently.
+    pub urgent: u64,
+    /// Prefetches given up for want of a free place holder.
+    pub prefetch_given_up: u64,
+    /// Largest error that was in a picture, in mesh units; by the model's switch values.
+    pub error_stated: f32,
+    /// Largest factor by which limits raised the pixel threshold.
+    pub threshold_factor: f32,
+}
+
+impl FlightSummary {
+    /// Adds a frame.
+    pub fn add(&mut self, frame: &FrameStatistics) {
+        self.triangles += frame.triangles;
+        self.adapts += frame.splits + frame.collapses;
+        self.misses += frame.misses;
+        self.requests += frame.requests;
+        self.cpu_ms += frame.cpu_ms;
+        self.frame_ms.push(frame.frame_ms);
+        self.reads += frame.reads;
+        self.bytes_read += frame.bytes_read;
+        self.second_chances += frame.second_chances;
+        self.urgent += frame.urgent;
+        self.prefetch_given_up += frame.prefetch_given_up;
+        self.error_stated = self.error_stated.max(frame.error_stated);
+        self.threshold_factor = self.threshold_factor.max(frame.threshold_factor);
+    }
+
+    /// Number of frames.
+    pub fn frames(&self) -> u64 {
+        self.frame_ms.len() as u64
+    }
+
+    /// Active triangles, mean over the frames.
+    pub fn triangles_mean(&self) -> f64 {
+        self.mean(self.triangles as f64)
+    }
+
+    /// Splits and collapses in a frame (the paper's *Adapt* count), mean over the frames.
+    pub fn adapts_mean(&self) -> f64 {
+        self.mean(self.adapts as f64)
+    }
+
+    /// Share of the requests that the external memory could not fulfil (the paper's *Miss*), in percent.
+    pub fn miss_percent(&self) -> f64 {
+        100.0 * self.misses as f64 / self.requests.max(1) as f64
+    }
+
+    /// CPU time of a frame in milliseconds, mean over the frames.
+    pub fn cpu_ms_mean(&self) -> f64 {
+        self.mean(self.cpu_ms)
+    }
+
+    /// Wall time of a frame in milliseconds, mean over the frames.
+    pub fn frame_ms_mean(&self) -> f64 {
+        self.mean(self.frame_ms.iter().sum())
+    }
+
+    /// The wall time in milliseconds that `percent` of the frames did not exceed; 0 without frames.
+    pub fn frame_ms_percentile(&self, percent: f64) -> f64 {
+        let mut times = self.frame_ms.clone();
+        times.sort_by(f64::total_cmp);
+        let rank = (percent / 100.0 * times.len() as f64).ceil() as usize;
+        times.get(rank.saturating_sub(1)).or(times.last()).copied().unwrap_or(0.0)
+    }
+
+    /// Whether the stated error is a proven bound. The switch values of this version of the format are the metric's
+    /// estimates, so it is not.
+    pub fn guaranteed(&self) -> bool {
+        false
+    }
+
+    fn mean(&self, sum: f64) -> f64 {
+        sum / self.frames().max(1) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flight_sums_up_its_frames() {
+        let mut summary = FlightSummary::default();
+        assert_eq!((summary.miss_percent(), summary.frame_ms_percentile(99.0)), (0.0, 0.0));
+        for frame in 0..100 {
+            summary.add(&FrameStatistics {
+                triangles: frame,
+                splits: 2,
+                collapses: 1,
+                misses: 1,
+                requests: 4,
+                frame_ms: (100 - frame) as f64,
+                error_stated: frame as f32,
+                ..FrameStatistics::default()
+            });
+        }
+        assert_eq!(summary.frames(), 100);
+        assert_eq!(summary.triangles_mean(), 49.5);
+        assert_eq!(summary.adapts_mean(), 3.0);
+        assert_eq!(summary.miss_percent(), 25.0);
+        assert_eq!(summary.frame_ms_percentile(50.0), 50.0);
+        assert_eq!(summary.frame_ms_percentile(99.0), 99.0);
+        assert_eq!(summary.frame_ms_mean(), 50.5);
+        assert_eq!(summary.error_stated, 99.0);
+    }
+}
