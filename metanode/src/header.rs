@@ -422,3 +422,83 @@ impl ModelRoot {
         sound.then_some(root)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn some_header() -> Header {
+        Header {
+            leaf_count: 100,
+            triangle_count: 190,
+            split_count: 98,
+            root_count: 2,
+            page_count: 3,
+            root_page_count: 1,
+            slot_bytes: 4096,
+            largest_page_bytes: 4100,
+            page_levels: 2,
+            origin: [1e6, -2.5, 0.0],
+            minimum: [-1.0, -2.0, -3.0],
+            maximum: [1.0, 2.0, 3.0],
+            largest_switch: 4.0,
+            metric: Metric::Length,
+            strategy: Strategy::Btree,
+            blocking: Blocking::Forest { slot_bytes: 4096, fan_out: 4 },
+            roots_offset: 256,
+            pages_offset: 256 + 2 * 60 + 16 + 4,
+            file_length: 10_000,
+        }
+    }
+
+    fn refused(header: &Header) -> String {
+        Header::from_bytes(Path::new("m.vdt"), &header.to_bytes()).unwrap_err().to_string()
+    }
+
+    /// The bytes of some header with the word at `offset` replaced, and the checksum put right.
+    fn with_word(offset: usize, word: u32) -> [u8; HEADER_BYTES] {
+        let mut bytes = some_header().to_bytes();
+        bytes[offset..offset + 4].copy_from_slice(&word.to_le_bytes());
+        let checksum = crc32fast::hash(&bytes[..252]);
+        bytes[252..].copy_from_slice(&checksum.to_le_bytes());
+        bytes
+    }
+
+    #[test]
+    fn a_header_comes_back_as_it_was() {
+        let header = some_header();
+        assert_eq!(Header::from_bytes(Path::new("m.vdt"), &header.to_bytes()).unwrap(), header);
+        let header = Header { blocking: Blocking::Levels { levels: 6 }, metric: Metric::Quadric, ..header };
+        assert_eq!(Header::from_bytes(Path::new("m.vdt"), &header.to_bytes()).unwrap(), header);
+        assert!((some_header().diagonal() - 56_f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn other_files_versions_and_features_are_told_apart() {
+        let message = |bytes: &[u8]| Header::from_bytes(Path::new("m.vdt"), bytes).unwrap_err().to_string();
+        assert!(message(b"ply\nformat ascii 1.0").contains("not a vdt model"));
+        assert!(message(b"VDTMOD").contains("not a vdt model"));
+        assert!(message(&some_header().to_bytes()[..100]).contains("100 of 256 bytes"));
+        assert!(message(&with_word(8, 2)).contains("format version 2, this program reads version 1"));
+        assert!(message(&with_word(12, 4)).contains("flags 0x4"));
+        for (offset, word) in [(16, 260), (116, 1), (160, 1), (248, 7)] {
+            assert!(message(&with_word(offset, word)).contains("must be 0"), "{offset}");
+        }
+        for (offset, what) in [(108, "metric 9"), (112, "strategy 9"), (120, "blocking 9")] {
+            assert!(message(&with_word(offset, 9)).contains(what));
+        }
+    }
+
+    #[test]
+    fn fields_that_contradict_each_other_are_refused() {
+        let header = some_header();
+        assert!(refused(&Header { split_count: 97, ..header }).contains("cannot be"));
+        assert!(refused(&Header { page_count: 99, ..header }).contains("99 pages"));
+        assert!(refused(&Header { page_levels: 0, ..header }).contains("on 0 levels"));
+        assert!(refused(&Header { largest_page_bytes: 4096, ..header }).contains("pages of 4096 bytes"));
+        assert!(refused(&Header { file_length: 300, ..header }).contains("file length"));
+        assert!(refused(&Header { pages_offset: 400, ..header }).contains("sections"));
+        assert!(refused(&Header { maximum: [f32::NAN; 3], ..header }).contains("not finite"));
+        assert!(refused(&Header { slot_bytes: u32::MAX, ..header }).contains("decoded"));
+    }
+}

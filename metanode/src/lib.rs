@@ -5,7 +5,7 @@
 //! | [`page`] | the decoded meta-node: what lies in a place holder | the paper, 3.2; design, 4 |
 //! | [`header`] | the model file's header and root table, byte by byte | |
 //! | [`blocking`] | which splits share a meta-node, and in which order | the paper, 3.2; design, 4 |
-//! | [`write`] | writes a tree as a model file | |
+//! | [`mod@write`] | writes a tree as a model file | |
 //! | [`model`] | a model file open for reading | |
 //! | [`mod@verify`] | checks a whole model file, believing nothing | design, 6 |
 //! | [`cut`] | uniform cuts, streaming: the mesh of one error | the paper, 3.3.1 |

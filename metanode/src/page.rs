@@ -544,3 +544,93 @@ pub fn encoded(parts: &PageParts) -> Vec<u8> {
     bytes.extend(checksum.to_le_bytes());
     bytes
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entry(target: Target) -> ChildEntry {
+        ChildEntry { id: 7, switch: 0.5, radius: 2.0, cone: NormalCone::EVERYTHING, target }
+    }
+
+    fn some_parts() -> PageParts {
+        let record = |born_leaf, kept, born| Record { born_leaf, position: [1.0, 2.0, 3.0], kept, born };
+        let inside = Some(entry(Target::SamePage { record: 1 }));
+        let below = Some(entry(Target::ChildPage { child: 1, record: 4 }));
+        PageParts {
+            number: 5,
+            parent: Some(2),
+            root_count: 1,
+            leaf_interval: (10, 20),
+            first_child: 9,
+            first_child_offset: 5 << 32,
+            child_lengths: vec![100, 200],
+            records: vec![
+                (record(15, inside, None), vec![[10, 15, 30], [11, 16, 30]]),
+                (record(12, None, below), vec![[11, 12, 40]]),
+            ],
+        }
+    }
+
+    fn decoded(parts: &PageParts, page: &mut Page) -> Result<(), PageError> {
+        page.decode(&encoded(parts), PageLocation { number: 5, offset: 0, length: 0 }, 50)
+    }
+
+    #[test]
+    fn a_page_comes_back_as_it_was() {
+        let parts = some_parts();
+        let mut page = Page::with_slot_bytes(parts.counts().decoded_bytes());
+        decoded(&parts, &mut page).unwrap();
+        assert_eq!((page.number(), page.parent(), page.root_count(), page.leaf_interval()), (5, Some(2), 1, (10, 20)));
+        assert_eq!(page.counts(), parts.counts());
+        assert_eq!(encoded(&parts).len(), encoded_length(parts.counts()));
+        for (index, (record, triangles)) in (0..).zip(&parts.records) {
+            assert_eq!(page.record(index).as_ref(), Some(record));
+            assert_eq!(&page.triangles(index).collect::<Vec<_>>(), triangles);
+        }
+        assert_eq!(page.record(2), None);
+        assert_eq!(page.triangles(2).len(), 0);
+        let second = PageLocation { number: 10, offset: (5 << 32) + 100, length: 200 };
+        assert_eq!(page.children().collect::<Vec<_>>()[1], second);
+        assert_eq!(page.child_location(1), second);
+    }
+
+    #[test]
+    fn what_does_not_decode_leaves_an_empty_page() {
+        let parts = some_parts();
+        let mut page = Page::with_slot_bytes(parts.counts().decoded_bytes());
+        let refuse = |page: &mut Page, change: &dyn Fn(&mut PageParts), expected: &str| {
+            let mut broken = some_parts();
+            change(&mut broken);
+            decoded(&parts, page).unwrap();
+            let message = decoded(&broken, page).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+            assert_eq!((page.counts(), page.root_count(), page.children().len()), (PageCounts::default(), 0, 0));
+            assert_eq!((page.number(), page.record(0), page.triangles(0).len()), (NONE_32, None, 0));
+        };
+        refuse(&mut page, &|parts| parts.records[0].1.push([1, 2, 3]), "more than a place holder");
+        refuse(&mut page, &|parts| parts.number = 6, "this is meta-node 6");
+        refuse(&mut page, &|parts| parts.parent = Some(5), "does not come before");
+        refuse(&mut page, &|parts| parts.root_count = 0, "0 roots");
+        refuse(&mut page, &|parts| parts.root_count = 2, "record 1 where 2 of 2 is due");
+        refuse(&mut page, &|parts| parts.first_child = 5, "the first of 2 children is meta-node 5");
+        refuse(&mut page, &|parts| parts.first_child = u32::MAX, "the first of 2 children");
+        refuse(&mut page, &|parts| parts.child_lengths.clear(), "first child 9 of none");
+        refuse(&mut page, &|parts| parts.leaf_interval = (10, 51), "leaves 10..51 of 50");
+        refuse(&mut page, &|parts| parts.records[1].0.born_leaf = 20, "born leaf 20");
+        refuse(&mut page, &|parts| parts.records[1].0.position[2] = f32::INFINITY, "not finite");
+        let itself = Some(entry(Target::SamePage { record: 0 }));
+        refuse(&mut page, &|parts| parts.records[0].0.kept = itself, "record 0 where 1 of 2 is due");
+        refuse(&mut page, &|parts| parts.records[0].0.kept = None, "no entry refers to record 1");
+        let beyond = Some(entry(Target::ChildPage { child: 2, record: 0 }));
+        refuse(&mut page, &|parts| parts.records[1].0.born = beyond, "child page 2 of 2");
+        let flat = Some(ChildEntry { switch: 0.0, ..entry(Target::SamePage { record: 1 }) });
+        refuse(&mut page, &|parts| parts.records[0].0.kept = flat, "switch value 0");
+        refuse(&mut page, &|parts| parts.records[1].1[0][0] = 50, "leaf 50 of 50");
+        let bytes = encoded(&parts);
+        let location = PageLocation { number: 5, offset: 0, length: 0 };
+        assert_eq!(page.decode(&bytes[..3], location, 50), Err(PageError::Checksum));
+        let short = [&bytes[..8], &crc32fast::hash(&bytes[..8]).to_le_bytes()].concat();
+        assert_eq!(page.decode(&short, location, 50), Err(PageError::Length { found: 2, expected: HEADER_WORDS }));
+    }
+}

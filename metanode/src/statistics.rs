@@ -1,6 +1,7 @@
 //! What can be said of a model as a whole: how full its pages are, how long its paths, where its bytes go.
 //!
-//! One pass over the pages; RAM as [`crate::walk`] says.
+//! One pass over the pages. RAM: one page, those of its entries that lead to other pages for the pages on one path, and
+//! 5 bytes for each tree.
 
 use crate::header::{Blocking, ModelError};
 use crate::model::Model;

@@ -576,6 +576,50 @@ mod tests {
         }
     }
 
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(60000))]
+
+        /// Several wrong words at once: all that reads ends, and whatever passes can be read.
+        #[test]
+        fn what_passes_can_be_read(seed in any::<u64>(), count in 1..6) {
+            let mut random = Random(seed);
+            let blocking = if seed % 2 == 0 { SMALL } else { Blocking::Levels { levels: 3 } };
+            let (mut bytes, _) = model_bytes(&small_tree(130), blocking);
+            let stretches = stretches(&bytes);
+            for _ in 0..count {
+                let stretch = &stretches[random.below(stretches.len())];
+                // Mostly where the references are.
+                let words = if random.below(2) == 0 { stretch.words.len().min(20) } else { stretch.words.len() };
+                let at = stretch.start + random.below(words) * 4;
+                let other = stretch.start + random.below(words) * 4;
+                let old = word_at(&bytes, at);
+                let word = match random.below(4) {
+                    0 => old.wrapping_add(random.below(7) as u32).wrapping_sub(3),
+                    1 => old.wrapping_add((random.below(7) as u32) << 16).wrapping_sub(3 << 16),
+                    2 => word_at(&bytes, other),
+                    _ => old ^ 1 << random.below(32),
+                };
+                bytes = alter(&bytes, stretch, at, word);
+            }
+            if let Ok(model) = open_bytes(bytes) {
+                let sound = verify(&model, &mut |_| ()).is_ok();
+                let read = || {
+                    let cut = UniformCut::new(&model, 0.0)?;
+                    let (mut vertices, mut triangles) = (0, 0);
+                    cut.for_each_vertex(|_| Ok::<_, ModelError>(vertices += 1))?;
+                    cut.for_each_triangle(|_| Ok::<_, ModelError>(triangles += 1))?;
+                    statistics(&model)?;
+                    error_for_triangles(&model, 50)?;
+                    Ok::<_, ModelError>((vertices, triangles))
+                };
+                let counts = read();
+                if sound {
+                    prop_assert_eq!(counts.unwrap(), (model.header().leaf_count, model.header().triangle_count));
+                }
+            }
+        }
+    }
+
     #[test]
     fn an_empty_model_is_sound() {
         let report = check(model_bytes(&Tree::default(), SMALL).0).unwrap();

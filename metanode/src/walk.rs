@@ -6,7 +6,7 @@
 //!
 //! The page holds its records' switch values only in the entries that lead to them, which may be in the parent page.
 //! So what the walk keeps of a page is those of its entries that lead on, until the child page was visited. RAM: one
-//! page, those entries for the pages on one path, and 4 bytes for each tree. A file that `verify` would refuse gives
+//! page, those entries for the pages on one path, and 5 bytes for each tree. A file that `verify` would refuse gives
 //! wrong figures or an error, but no endless walk: a page is entered from its parent only, and references within a page
 //! lead forward.
 

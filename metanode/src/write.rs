@@ -384,6 +384,22 @@ mod tests {
     }
 
     #[test]
+    fn splits_with_very_many_triangles_have_pages_of_their_own() {
+        let plan =
+            TreePlan { seed: 9, leaves: 90, components: 1, triangles: 40_000, shape: Shape::Random, hub: 0, reach: 90 };
+        let tree = random_tree(&plan);
+        let (bytes, summary) = model_bytes(&tree, SMALL);
+        assert!(summary.slot_bytes > 4 * 4096, "{summary:?}");
+        let blocks = blocking::block(&tree, SMALL).unwrap();
+        let oversized = blocks.pages.iter().filter(|page| page.counts().decoded_bytes() > 4096);
+        assert!(oversized.clone().count() > 5);
+        assert!(oversized.clone().all(|page| page.record_count == 1));
+        let model = open_bytes(bytes).unwrap();
+        assert!(read_back(&model) == tree);
+        crate::verify(&model, &mut |_| ()).unwrap();
+    }
+
+    #[test]
     fn an_empty_mesh_is_a_model_too() {
         for tree in [
             Tree::default(),

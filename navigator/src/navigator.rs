@@ -398,7 +398,7 @@ impl Navigator {
                     }
                 }
                 State::Collapsible => {
-                    if for_collapse.exceeded(sphere).is_none() {
+                    if !for_collapse.is_exceeded(sphere) {
                         collapses.push(collapse_key(self.front.id(node), node));
                     }
                 }
@@ -422,8 +422,8 @@ impl Navigator {
             self.paging.end_use(slot);
             statistics.collapses += 1;
             let parent = self.front.parent(node);
-            let follows = self.front.state(parent) == State::Collapsible
-                && for_collapse.exceeded(self.front.sphere(parent)).is_none();
+            let follows =
+                self.front.state(parent) == State::Collapsible && !for_collapse.is_exceeded(self.front.sphere(parent));
             if follows {
                 self.collapse_candidates.push(collapse_key(self.front.id(parent), parent));
             }
@@ -446,7 +446,7 @@ impl Navigator {
             let node = key as u32;
             // Forced before, or undone since.
             let is_wish =
-                refiner.front.state(node) == State::Active && for_split.exceeded(refiner.front.sphere(node)).is_some();
+                refiner.front.state(node) == State::Active && for_split.is_exceeded(refiner.front.sphere(node));
             if !is_wish {
                 continue;
             }

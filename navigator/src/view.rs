@@ -73,11 +73,11 @@ impl View {
         let to_node = Vec3::from_array(sphere.position) - self.eye;
         let distance = (to_node.length() - sphere.radius).max(self.nearest);
         let error = sphere.switch * self.scale / distance;
-        if self.outside(to_node, sphere.radius) || turned_away(to_node, sphere.radius, sphere.cone) {
-            error / UNSEEN_DIVISOR
-        } else {
-            error
-        }
+        if self.is_unseen(to_node, sphere) { error / UNSEEN_DIVISOR } else { error }
+    }
+
+    fn is_unseen(&self, to_node: Vec3, sphere: &Sphere) -> bool {
+        self.outside(to_node, sphere.radius) || turned_away(to_node, sphere.radius, sphere.cone)
     }
 
     /// Whether the sphere can reach into the picture.
@@ -87,7 +87,12 @@ impl View {
 
     /// The test against one threshold, with what depends on the threshold alone done ahead.
     pub fn against(&self, threshold: f32) -> Threshold<'_> {
-        Threshold { view: self, threshold, reach: self.scale / threshold }
+        Threshold {
+            view: self,
+            threshold,
+            reach: self.scale / threshold,
+            unseen_reach: self.scale / threshold / UNSEEN_DIVISOR,
+        }
     }
 
     fn outside(&self, to_node: Vec3, radius: f32) -> bool {
@@ -102,8 +107,12 @@ fn turned_away(to_node: Vec3, radius: f32, cone: NormalCone) -> bool {
     if cone.sine == u8::MAX {
         return false;
     }
-    let axis = Vec3::from_array(cone.axis.map(f32::from)).normalize_or_zero();
+    let axis = Vec3::from_array(cone.axis.map(f32::from));
     let along = axis.dot(to_node);
+    if along <= 0.0 {
+        return false;
+    }
+    let along = along / axis.length();
     if along <= radius {
         return false;
     }
@@ -119,21 +128,40 @@ fn turned_away(to_node: Vec3, radius: f32, cone: NormalCone) -> bool {
 pub struct Threshold<'a> {
     view: &'a View,
     threshold: f32,
+    /// How far away, in multiples of its switch value, a node that is seen has just this error.
     reach: f32,
+    /// The same for one that is not seen.
+    unseen_reach: f32,
 }
 
+/// What part of a squared distance rounding may be wrong by, and much more.
+const ROUNDING: f32 = 1e-4;
+
 impl Threshold<'_> {
-    /// The error in pixels, where it is above the threshold. Without a root or a division where it is far below.
+    /// Whether the error is above the threshold: just as [`View::pixel_error`] says, but for nearly all nodes without a
+    /// root or a division, and for most without a look at frustum and cone.
+    #[inline]
+    pub fn is_exceeded(&self, sphere: &Sphere) -> bool {
+        let to_node = Vec3::from_array(sphere.position) - self.view.eye;
+        let square = to_node.length_squared();
+        let (reach, unseen_reach) = (sphere.switch * self.reach, sphere.switch * self.unseen_reach);
+        let (seen, unseen) = (reach + sphere.radius, unseen_reach + sphere.radius);
+        let (seen, unseen) = (seen * seen, unseen * unseen);
+        if square > seen * (1.0 + ROUNDING) {
+            return false;
+        }
+        if unseen_reach > self.view.nearest && square < unseen * (1.0 - ROUNDING) {
+            return true;
+        }
+        let only_seen =
+            reach > self.view.nearest && square < seen * (1.0 - ROUNDING) && square > unseen * (1.0 + ROUNDING);
+        if only_seen { !self.view.is_unseen(to_node, sphere) } else { self.view.pixel_error(sphere) > self.threshold }
+    }
+
+    /// The error in pixels, where it is above the threshold.
     #[inline]
     pub fn exceeded(&self, sphere: &Sphere) -> Option<f32> {
-        let to_node = Vec3::from_array(sphere.position) - self.view.eye;
-        // The error at full visibility is above the threshold only within this distance of the node.
-        let reach = sphere.switch * self.reach + sphere.radius;
-        if to_node.length_squared() > reach * reach * 1.0001 {
-            return None;
-        }
-        let error = self.view.pixel_error(sphere);
-        (error > self.threshold).then_some(error)
+        self.is_exceeded(sphere).then(|| self.view.pixel_error(sphere))
     }
 }
 
@@ -221,6 +249,9 @@ mod tests {
             for threshold in [0.0, 0.1, 1.0, 10.0] {
                 let error = view.pixel_error(&parent);
                 prop_assert_eq!(view.against(threshold).exceeded(&parent), (error > threshold).then_some(error));
+                let scaled = Sphere { switch: threshold.max(0.01) * part * 10.0, ..parent };
+                let error = view.pixel_error(&scaled);
+                prop_assert_eq!(view.against(threshold).is_exceeded(&scaled), error > threshold);
             }
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | [`outline`] | walks a tree once, refuses one that cannot be written, and weighs its subtrees |
+//! | `outline` | walks a tree once, refuses one that cannot be written, and weighs its subtrees |
 //! | [`forest`] | each page a set of subtrees, filled by largest switch value first (design, 4) |
 //! | [`levels`] | each page a subtree of L levels, as in the paper |
 //!
@@ -260,6 +260,34 @@ impl FromStr for Blocking {
             }
             ("levels", _) => Ok(Blocking::Levels { levels: parameters.parse().map_err(|_| fail())? }),
             _ => Err(fail()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_blocking_is_written_as_it_is_read() {
+        let forest = |slot_bytes, fan_out| Blocking::Forest { slot_bytes, fan_out };
+        for (text, blocking) in [
+            ("forest:32K,8", Blocking::default()),
+            ("forest:4100,3", forest(4100, 3)),
+            ("forest:1024K,256", forest(1 << 20, 256)),
+            ("levels:5", Blocking::Levels { levels: 5 }),
+        ] {
+            assert_eq!(text.parse(), Ok(blocking));
+            assert_eq!(blocking.to_string(), text);
+        }
+        assert_eq!("forest".parse(), Ok(Blocking::default()));
+        assert_eq!("forest:64K".parse(), Ok(forest(64 << 10, 8)));
+        assert_eq!("forest:1M,4".parse(), Ok(forest(1 << 20, 4)));
+        for wrong in
+            ["", "tree", "forest:x", "forest:4K,x", "forest:8G", "levels", "levels:", "levels:-1", "levels:5,2"]
+        {
+            let message = wrong.parse::<Blocking>().unwrap_err().to_string();
+            assert!(message.contains("forest:SLOT,K"), "{message}");
         }
     }
 }
