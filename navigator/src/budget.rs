@@ -2,8 +2,7 @@
 //!
 //! Everything that grows with the model counts: its root table, the place holders, the front's nodes and triangles and
 //! the lists of candidates, and the buffers for one page. What is left after the fixed parts is shared by the place
-//! holders and the front, half and half; neither gets more than the whole model needs, and what one cannot use goes to
-//! the other.
+//! holders and the front; neither gets more than the whole model needs, and what one cannot use goes to the other.
 
 use metanode::model::Model;
 use thiserror::Error;
@@ -14,6 +13,10 @@ use crate::refine::CHAIN_BYTES;
 
 /// Bytes of a candidate for a split or a collapse.
 const CANDIDATE_BYTES: usize = size_of::<u64>();
+/// The place holders' share. Flights and orbits over three models (dragon, terrain, robot) in 2, 4 and 16 MB, at a tenth
+/// of a pixel so that the limits decided, drew 5 to 18 % more triangles with 0.55 than with 0.5 or 0.6, and a third less
+/// with 0.3 or 0.7.
+const POOL_SHARE: f64 = 0.55;
 /// Fewest place holders: one in use, and those that the rule of three asks for.
 const LEAST_SLOTS: usize = LEAST_FOR_URGENT + 1;
 /// Fewest applied splits that the front has room for, in a model that has as many.
@@ -152,7 +155,8 @@ pub fn plan(model: &Model, memory: u64) -> Result<Budget, BudgetError> {
     let to_share = memory - needs.budget(0, 0).bytes;
     let whole_front = needs.budget(0, needs.splits).bytes - needs.budget(0, 0).bytes;
     let least_front = needs.budget(0, least_splits).bytes - needs.budget(0, 0).bytes;
-    let for_pool = (to_share / 2).max(to_share.saturating_sub(whole_front)).min(to_share - least_front);
+    let for_pool =
+        ((to_share as f64 * POOL_SHARE) as u64).max(to_share.saturating_sub(whole_front)).min(to_share - least_front);
     let slots = usize::try_from(for_pool / needs.slot_cost() as u64).unwrap_or(usize::MAX);
     let slots = slots.clamp(least_slots, needs.most_slots());
     let splits = needs.most_splits(slots, least_splits, memory);

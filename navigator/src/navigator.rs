@@ -8,8 +8,8 @@
 //!    important; children follow.
 //!
 //! Where a page is missing, the level at hand stays drawn and the page is asked for. Where the front or the pool is
-//! full, the split is refused, and the threshold is raised a little for the next frame; it falls back when there is
-//! room again, but not while the camera stands still, so that the picture comes to rest.
+//! full, the split is refused, and the threshold is raised a little for the next frame. It falls back while there is
+//! room, but as long as the camera stands still not to where it hit a limit, so that the picture comes to rest.
 
 use std::collections::BinaryHeap;
 use std::io;
@@ -36,14 +36,18 @@ use crate::view::{Sphere, View};
 /// How much smaller than the threshold an error has to be for a collapse: 1.05 saves most of the changes back and forth,
 /// more saves no more (`facts/front.md`).
 const HYSTERESIS: f32 = 1.05;
-/// By how much the threshold rises with every frame that hit a limit.
+/// By how much the threshold rises with every frame that hit a limit, and falls where there is much room.
 const RAISE: f32 = 1.1;
-/// By how much it falls with every frame that has room.
+/// By how much it falls with every frame that has some room.
 const LOWER: f32 = 1.02;
 /// The most that it is raised.
 const MOST_RAISED: f32 = 1e6;
-/// There is room where no limit is used by more than this part.
-const ROOMY: f64 = 0.85;
+/// There is much room where no limit is used by more than this part.
+const MUCH_ROOM: f64 = 0.5;
+/// There is some room where no limit is used by more than this part.
+const SOME_ROOM: f64 = 0.85;
+/// While the camera stands still, the threshold stays by this factor above where it hit a limit.
+const KEEP_OFF: f32 = 1.05;
 /// What the raised threshold is a multiple of, where less than this was asked for, in pixels.
 const LEAST_RAISED_PIXELS: f32 = 0.01;
 /// How long a navigator that is to settle waits for the I/O process at a time.
@@ -187,8 +191,8 @@ pub struct Navigator {
     frame: u64,
     threshold_factor: f32,
     last_frame: Option<LastFrame>,
-    /// The camera of the last frame that hit a limit.
-    limited_at: Option<Camera>,
+    /// The camera of the last frame that hit a limit, and the threshold's factor in it.
+    limited_at: Option<(Camera, f32)>,
     pool_counters: PoolCounters,
 }
 
@@ -483,24 +487,39 @@ impl Navigator {
 
     /// Raises the threshold after a frame that hit a limit, and lowers it again while there is room.
     fn adjust_threshold(&mut self, camera: &Camera, hit_limit: bool) {
+        let factor = self.threshold_factor;
         if hit_limit {
-            self.threshold_factor = (self.threshold_factor * RAISE).min(MOST_RAISED);
-            self.limited_at = Some(*camera);
-        } else if self.threshold_factor > 1.0 && self.limited_at != Some(*camera) && self.has_room() {
-            self.threshold_factor = (self.threshold_factor / LOWER).max(1.0);
+            self.threshold_factor = (factor * RAISE).min(MOST_RAISED);
+            self.limited_at = Some((*camera, factor));
+            return;
         }
+        let use_of_limits = self.use_of_limits();
+        let lowered = if use_of_limits < MUCH_ROOM {
+            factor / RAISE
+        } else if use_of_limits < SOME_ROOM {
+            factor / LOWER
+        } else {
+            factor
+        };
+        let least = match self.limited_at {
+            Some((at, too_low)) if at == *camera => too_low * KEEP_OFF,
+            _ => 1.0,
+        };
+        self.threshold_factor = lowered.max(least).max(1.0).min(factor);
     }
 
-    /// Whether no limit is nearly reached. One that the whole model does not reach is none.
-    fn has_room(&self) -> bool {
+    /// How much of the limit that is nearest is used, 0 to 1. One that the whole model does not reach is none.
+    fn use_of_limits(&self) -> f64 {
         let header = self.model.header();
-        let roomy = |used: usize, limit: usize, whole: usize| limit >= whole || (used as f64) < limit as f64 * ROOMY;
+        let part = |used: usize, limit: usize, whole: usize| {
+            if limit >= whole { 0.0 } else { used as f64 / limit.max(1) as f64 }
+        };
         let nodes = header.leaf_count as usize + header.split_count as usize;
         // One place holder is never in use.
         let (slots, pages) = (self.budget.slots - 1, header.page_count as usize + SPARE_SLOTS - 1);
-        roomy(self.front.node_count(), self.front.node_capacity(), nodes)
-            && roomy(self.front.triangle_count(), self.triangle_limit(), header.triangle_count as usize)
-            && roomy(self.paging.pool().in_use(), slots, pages)
+        part(self.front.node_count(), self.front.node_capacity(), nodes)
+            .max(part(self.front.triangle_count(), self.triangle_limit(), header.triangle_count as usize))
+            .max(part(self.paging.pool().in_use(), slots, pages))
     }
 
     /// Largest switch value of the active nodes that can be in the picture.

@@ -12,11 +12,12 @@ use crate::navigator::NavigatorError;
 use crate::paging::Paging;
 use crate::pool::Use;
 
-/// Most nodes of a chain, and most splits that can be undone. A longer chain is worked off part by part, from its end;
-/// what is done of it stays done.
-const CHAIN_LIMIT: usize = 1024;
+/// Most nodes of a chain. Of a longer one the end is worked off first, and then it is begun again.
+const CHAIN_LIMIT: usize = if cfg!(test) { 12 } else { 1024 };
+/// Most splits that can be undone. Those before stay, unless a child still has to follow; then the wish is given up.
+const LOG_LIMIT: usize = if cfg!(test) { 100 } else { 1024 };
 /// Bytes that the chain takes.
-pub const CHAIN_BYTES: usize = (CHAIN_LIMIT + 2) * (size_of::<Link>() + size_of::<u32>());
+pub const CHAIN_BYTES: usize = (CHAIN_LIMIT + 2) * size_of::<Link>() + LOG_LIMIT * size_of::<u32>();
 
 /// What became of a wish to split a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -62,7 +63,7 @@ impl Chain {
     /// An empty chain. Its memory is allocated here, once.
     pub fn new() -> Self {
         // The children of a node at the limit go beyond it.
-        Chain { stack: Vec::with_capacity(CHAIN_LIMIT + 2), log: Vec::with_capacity(CHAIN_LIMIT) }
+        Chain { stack: Vec::with_capacity(CHAIN_LIMIT + 2), log: Vec::with_capacity(LOG_LIMIT) }
     }
 }
 
@@ -126,7 +127,7 @@ impl Refiner<'_> {
                 }
                 Ok(Step::After(neighbour)) => {
                     if self.chain.stack.len() >= CHAIN_LIMIT {
-                        self.chain.stack.clear();
+                        self.chain.stack.retain(|link| link.follows);
                         is_cut = true;
                     }
                     self.chain.stack.push(Link { node: neighbour, follows: false });
@@ -144,17 +145,16 @@ impl Refiner<'_> {
         }
     }
 
-    /// Whether the chain is at its limits, and cannot be cut because a child has to follow.
+    /// Whether nothing more fits into the chain because too many children have to follow.
     fn is_too_long(&mut self) -> bool {
         let Chain { stack, log } = &mut self.chain;
-        if log.len() < CHAIN_LIMIT && stack.len() < CHAIN_LIMIT {
-            return false;
-        }
-        let follows = stack.iter().any(|link| link.follows);
-        if !follows && log.len() >= CHAIN_LIMIT {
+        if log.len() >= LOG_LIMIT {
+            if stack.iter().any(|link| link.follows) {
+                return true;
+            }
             log.clear();
         }
-        follows
+        stack.len() >= CHAIN_LIMIT && stack.iter().all(|link| link.follows)
     }
 
     /// Applies the split of a node, if nothing is in its way.

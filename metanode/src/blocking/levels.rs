@@ -1,7 +1,8 @@
 //! The paper's blocking (3.2): each page holds a subtree of L levels of one tree.
 //!
 //! Every tree begins a page, and so does every child of the L-th level of a page. On real trees such pages fill badly:
-//! half of them hold a single node (design, 4). It is here to be compared with.
+//! with L = 5 two of five hold a single split, and the largest is nearly ten times the mean. It is here to be compared
+//! with.
 //!
 //! Linear time. Memory: 4 bytes for each leaf and 36 for each page; while it runs, 4 more for each leaf.
 

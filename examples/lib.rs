@@ -1,0 +1,1 @@
+//! Small programs on the vdt libraries: see the files beside this one.
