@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use metanode::blocking::{ParseBlockingError, check_parameters};
 use metanode::header::Blocking;
 use navigator::PathSpec;
 use storage::ByteSize;
@@ -134,8 +135,8 @@ pub struct BuildOptions {
     pub strategy: StrategyName,
     /// How the tree is cut into meta-nodes: forest:SLOT,CHILDREN fills slots of SLOT bytes, each with at most CHILDREN
     /// child meta-nodes; levels:L gives each meta-node L levels of one binary tree, as the paper does.
-    #[arg(long, default_value = "forest:32K,8")]
-    pub blocking: BlockingArgument,
+    #[arg(long, default_value_t, value_parser = blocking)]
+    pub blocking: Blocking,
     /// Only say what the build would need.
     #[arg(long)]
     pub dry_run: bool,
@@ -144,30 +145,11 @@ pub struct BuildOptions {
     pub force: bool,
 }
 
-/// A blocking, as written on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct BlockingArgument(pub Blocking);
-
-impl FromStr for BlockingArgument {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || format!("`{text}` is not a blocking: write forest:32K,8 or levels:5");
-        let (kind, parameters) = text.split_once(':').ok_or_else(wrong)?;
-        let blocking = match kind {
-            "forest" => {
-                let (slot, fan_out) = parameters.split_once(',').ok_or_else(wrong)?;
-                let slot: ByteSize = slot.parse().map_err(|_| wrong())?;
-                Blocking::Forest {
-                    slot_bytes: u32::try_from(slot.0).map_err(|_| wrong())?,
-                    fan_out: fan_out.parse().map_err(|_| wrong())?,
-                }
-            }
-            "levels" => Blocking::Levels { levels: parameters.parse().map_err(|_| wrong())? },
-            _ => return Err(wrong()),
-        };
-        Ok(BlockingArgument(blocking))
-    }
+/// A blocking that can be.
+fn blocking(text: &str) -> Result<Blocking, String> {
+    let blocking: Blocking = text.parse().map_err(|error: ParseBlockingError| error.to_string())?;
+    check_parameters(blocking).map_err(|error| error.to_string())?;
+    Ok(blocking)
 }
 
 /// `vdt info`
@@ -408,15 +390,14 @@ mod tests {
 
     #[test]
     fn values_as_people_write_them() {
-        let forest = Blocking::Forest { slot_bytes: 32 << 10, fan_out: 8 };
-        assert_eq!("forest:32K,8".parse(), Ok(BlockingArgument(forest)));
-        assert_eq!("levels:5".parse(), Ok(BlockingArgument(Blocking::Levels { levels: 5 })));
+        assert_eq!(blocking("forest:32K,8"), Ok(Blocking::default()));
+        assert_eq!(blocking("levels:5"), Ok(Blocking::Levels { levels: 5 }));
         assert_eq!("0.1%".parse(), Ok(ErrorArgument::Percent(0.1)));
         assert_eq!("0".parse(), Ok(ErrorArgument::Units(0.0)));
         assert_eq!("640x480".parse(), Ok(PictureSize { width: 640, height: 480 }));
         let camera = CameraArgument { eye: [-1.0, 2.0, 3.0], target: [0.0, 0.0, 0.5] };
         assert_eq!("-1,2,3,0,0,.5".parse(), Ok(camera));
-        assert!("forest:32K".parse::<BlockingArgument>().is_err());
+        assert!(blocking("forest:1,8").is_err() && blocking("levels:99").is_err() && blocking("trees").is_err());
         assert!("-1".parse::<ErrorArgument>().is_err());
         assert!("640".parse::<PictureSize>().is_err());
         assert!("1,2,3".parse::<CameraArgument>().is_err());

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use metanode::header::{Metric, Strategy};
-use metanode::{ModelOptions, ModelSummary, blocking, write_model};
+use metanode::{ModelOptions, ModelSummary, write_model};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use storage::{ByteSize, CountingDisk, Disk, LocalDisk};
@@ -30,8 +30,6 @@ pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
             StrategyName::Btree => simplify::Order::Queue,
         },
     };
-    // What is wrong with the options is said before any work is done.
-    blocking::check_parameters(options.blocking.0)?;
     if options.dry_run {
         return dry_run(&options, &build_options, json);
     }
@@ -53,7 +51,7 @@ pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
     })?;
     progress.phase("writing");
     let model_options = ModelOptions {
-        blocking: options.blocking.0,
+        blocking: options.blocking,
         metric: match options.metric {
             MetricName::Quadric => Metric::Quadric,
             MetricName::Length => Metric::Length,

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::Result;
-use metanode::header::{Blocking, Header, MAGIC, Metric, Strategy};
+use metanode::header::{Header, MAGIC, Metric, Strategy};
 use metanode::model::Model;
 use metanode::statistics;
 use serde_json::json;
@@ -24,10 +24,7 @@ fn model_info(path: &Path, json: bool) -> Result<()> {
     let header: &Header = model.header();
     let figures = statistics(&model)?;
     let (metric, strategy) = (metric_name(header.metric), strategy_name(header.strategy));
-    let blocking = match header.blocking {
-        Blocking::Forest { slot_bytes, fan_out } => format!("forest:{slot_bytes},{fan_out}"),
-        Blocking::Levels { levels } => format!("levels:{levels}"),
-    };
+    let blocking = header.blocking.to_string();
     let corner =
         |values: [f32; 3]| -> [f64; 3] { std::array::from_fn(|axis| f64::from(values[axis]) + header.origin[axis]) };
     let (minimum, maximum) = (corner(header.minimum), corner(header.maximum));

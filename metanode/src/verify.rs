@@ -606,8 +606,14 @@ mod tests {
                 let read = || {
                     let cut = UniformCut::new(&model, 0.0)?;
                     let (mut vertices, mut triangles) = (0, 0);
-                    cut.for_each_vertex(|_| Ok::<_, ModelError>(vertices += 1))?;
-                    cut.for_each_triangle(|_| Ok::<_, ModelError>(triangles += 1))?;
+                    cut.for_each_vertex(|_| {
+                        vertices += 1;
+                        Ok::<_, ModelError>(())
+                    })?;
+                    cut.for_each_triangle(|_| {
+                        triangles += 1;
+                        Ok::<_, ModelError>(())
+                    })?;
                     statistics(&model)?;
                     error_for_triangles(&model, 50)?;
                     Ok::<_, ModelError>((vertices, triangles))

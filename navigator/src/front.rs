@@ -572,3 +572,54 @@ impl Front {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+
+    #[test]
+    fn a_node_takes_one_cache_line() {
+        assert_eq!((NODE_BYTES, TRIANGLE_BYTES), (64, 36));
+    }
+
+    /// All splits of a model that fits into one page, down to the leaves, and back: each time what it was before.
+    #[test]
+    fn a_collapse_undoes_a_split() {
+        let tree = testing::Mesh::grid(7, 6, 3).into_tree(5, 3);
+        let blocking = metanode::header::Blocking::Forest { slot_bytes: 1 << 20, fan_out: 2 };
+        let disk = testing::disk_of(&tree, blocking);
+        let model = metanode::model::Model::open(&disk, "model.vdt".as_ref()).unwrap();
+        let mut page = model.empty_page();
+        model.read_page(model.root_pages()[0], &mut Vec::new(), &mut page).unwrap();
+        let leaves = tree.leaf_count();
+        let mut front = Front::new(model.roots(), leaves as u32, 2 * leaves, tree.triangles.corners.len(), 100);
+        let state = |front: &Front| {
+            let mut triangles: Vec<_> = front.triangles().collect();
+            triangles.sort_unstable();
+            triangles
+        };
+        let mut random = testing::Random(1);
+        let mut log = Vec::new();
+        loop {
+            let inner: Vec<u32> = front.nodes().filter(|node| front.state(*node) == State::Active).collect();
+            if inner.is_empty() {
+                break;
+            }
+            let node = inner[random.below(inner.len())];
+            log.push((node, state(&front)));
+            let prepared = front.prepare(node, &page).unwrap();
+            assert!(front.has_room(front.thirds().len()));
+            front.split(&prepared, &page, 0);
+        }
+        assert_eq!(front.active_count(), leaves);
+        assert_eq!(front.triangle_count(), tree.triangles.corners.len());
+        assert!(!front.has_room(0));
+        for (node, before) in log.into_iter().rev() {
+            assert_eq!(front.state(node), State::Collapsible);
+            front.collapse(node, page.number());
+            assert!(state(&front) == before);
+        }
+        assert_eq!((front.active_count(), front.node_count(), front.triangle_count()), (1, 1, 0));
+    }
+}

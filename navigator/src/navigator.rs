@@ -170,13 +170,6 @@ pub struct ActiveTriangle {
     pub source: [u32; 3],
 }
 
-/// What the last frame was like, for the next and for [`Navigator::settled`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct LastFrame {
-    camera: Camera,
-    is_at_rest: bool,
-}
-
 /// A model being looked at.
 #[derive(Debug)]
 pub struct Navigator {
@@ -190,7 +183,8 @@ pub struct Navigator {
     collapse_candidates: BinaryHeap<u64>,
     frame: u64,
     threshold_factor: f32,
-    last_frame: Option<LastFrame>,
+    /// Whether the last frame changed nothing, missed nothing, and kept the threshold.
+    is_at_rest: bool,
     /// The camera of the last frame that hit a limit, and the threshold's factor in it.
     limited_at: Option<(Camera, f32)>,
     pool_counters: PoolCounters,
@@ -236,7 +230,7 @@ impl Navigator {
             collapse_candidates: BinaryHeap::with_capacity(budget.collapse_candidates),
             frame: 0,
             threshold_factor: 1.0,
-            last_frame: None,
+            is_at_rest: false,
             limited_at: None,
             pool_counters: PoolCounters::default(),
         })
@@ -248,8 +242,8 @@ impl Navigator {
     pub fn frame(&mut self, camera: &Camera) -> Result<FrameStatistics, NavigatorError> {
         let (start, cpu_start) = (Instant::now(), thread_cpu_time());
         let header = self.model.header();
+        self.is_at_rest = false;
         let view = View::new(camera, header, self.options.width, self.options.height)?;
-        self.last_frame = None;
         self.check_failure()?;
         let mut statistics = FrameStatistics {
             frame: self.frame,
@@ -272,8 +266,7 @@ impl Navigator {
         statistics.set_pool_counters(self.pool_counters, counters);
         self.pool_counters = counters;
         self.adjust_threshold(camera, statistics.over_budget > 0);
-        let is_at_rest = statistics.requests == 0 && self.threshold_factor == statistics.threshold_factor;
-        self.last_frame = Some(LastFrame { camera: *camera, is_at_rest });
+        self.is_at_rest = statistics.requests == 0 && self.threshold_factor == statistics.threshold_factor;
         statistics.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         statistics.cpu_ms = (thread_cpu_time() - cpu_start).as_secs_f64() * 1e3;
         statistics.error_stated = self.error_in(&view);
@@ -297,12 +290,7 @@ impl Navigator {
     /// Whether another frame with the same camera would change nothing: nothing is missing, nothing outstanding, and
     /// the last frame changed nothing.
     pub fn settled(&self) -> bool {
-        self.last_frame.is_some_and(|frame| frame.is_at_rest) && self.paging.board().is_idle()
-    }
-
-    /// The camera of the last frame, if it did not fail.
-    pub fn last_camera(&self) -> Option<&Camera> {
-        self.last_frame.as_ref().map(|frame| &frame.camera)
+        self.is_at_rest && self.paging.board().is_idle()
     }
 
     /// The model.

@@ -457,3 +457,109 @@ impl Pool {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use metanode::model::Model;
+    use metanode::page::PageLocation;
+
+    use super::*;
+    use crate::testing;
+
+    /// Does what the I/O process does with the room it was given.
+    fn fill(pool: &Pool, model: &Model, location: PageLocation, room: Room) -> Option<u32> {
+        let Room::Slot { slot, .. } = room else { return None };
+        model.read_page(location, &mut Vec::new(), &mut pool.page_to_fill(slot)).unwrap();
+        pool.loaded(slot, Some(location.length));
+        Some(slot)
+    }
+
+    fn pool(model: &Model, slots: usize, second_chance: bool) -> Pool {
+        Pool::new((0..slots).map(|_| model.empty_page()).collect(), second_chance)
+    }
+
+    fn pages() -> (std::sync::Arc<Model>, Vec<PageLocation>) {
+        let tree = testing::grid_tree(12, 12, 1);
+        let disk = testing::disk_of(&tree, metanode::header::Blocking::Levels { levels: 4 });
+        let model = std::sync::Arc::new(Model::open(&disk, "model.vdt".as_ref()).unwrap());
+        let mut page = model.empty_page();
+        model.read_page(model.root_pages()[0], &mut Vec::new(), &mut page).unwrap();
+        let locations = model.root_pages().iter().copied().chain(page.children()).collect();
+        (model, locations)
+    }
+
+    #[test]
+    fn a_flushed_page_gets_a_second_chance_until_its_slot_is_needed() {
+        let (model, pages) = pages();
+        for second_chance in [true, false] {
+            let pool = pool(&model, 3, second_chance);
+            for page in &pages[..3] {
+                fill(&pool, &model, *page, pool.reference(page.number)).unwrap();
+            }
+            assert_eq!(pool.reference(pages[3].number), Room::None);
+            assert_eq!(pool.counters().prefetch_given_up, 1);
+            // Flushed in this order: 1, 0. So 1 makes room first, and 0 is still there.
+            pool.dereference(pages[1].number);
+            pool.dereference(pages[0].number);
+            pool.check().unwrap();
+            fill(&pool, &model, pages[3], pool.reference(pages[3].number)).unwrap();
+            pool.check().unwrap();
+            let again = pool.reference(pages[0].number);
+            assert_eq!(again == Room::Resident, second_chance);
+            assert_eq!(pool.counters().second_chances, u64::from(second_chance));
+            assert_eq!(pool.counters().reads, 4);
+            if second_chance {
+                pool.check().unwrap();
+                assert_eq!(pool.reference(pages[1].number), Room::None);
+            }
+        }
+    }
+
+    #[test]
+    fn the_pool_is_never_all_in_use() {
+        let (model, pages) = pages();
+        let pool = pool(&model, 4, true);
+        let slot_of = |page: &PageLocation| match pool.use_page(page.number) {
+            Use::Granted { slot } => slot,
+            other => panic!("{other:?}"),
+        };
+        for page in &pages[..4] {
+            fill(&pool, &model, *page, pool.reference(page.number)).unwrap();
+        }
+        // Urgently, while three are not in use: in the place of the first that is only prefetched.
+        let first = slot_of(&pages[0]);
+        fill(&pool, &model, pages[4], pool.make_room(pages[4].number)).unwrap();
+        assert_eq!(pool.use_page(pages[1].number), Use::Missing);
+        assert_eq!(pool.counters().urgent, 1);
+        pool.check().unwrap();
+        let second = slot_of(&pages[4]);
+        assert_eq!(pool.make_room(pages[1].number), Room::None);
+        assert_eq!(pool.use_page(pages[1].number), Use::Refused);
+        // A page that is there, while two are not in use.
+        let third = slot_of(&pages[2]);
+        assert_eq!(pool.use_page(pages[3].number), Use::Refused);
+        assert_eq!(pool.in_use(), 3);
+        // One that is in use already always goes.
+        pool.use_again(third);
+        assert_eq!(slot_of(&pages[2]), third);
+        pool.check().unwrap();
+        assert!(!pool.stop_using(third) && !pool.stop_using(third) && pool.stop_using(third));
+        assert!(pool.stop_using(first) && pool.stop_using(second));
+        assert_eq!(pool.in_use(), 0);
+        // It was held for who asked for it; used and let go, it is free.
+        assert_eq!(pool.update_references(second, false), None);
+        assert_eq!(pool.make_room(pages[1].number), Room::Slot { slot: second, refers: false });
+    }
+
+    #[test]
+    fn a_page_that_cannot_be_read_leaves_its_slot_free() {
+        let (model, pages) = pages();
+        let pool = pool(&model, 1, true);
+        let Room::Slot { slot, .. } = pool.reference(pages[0].number) else { panic!("there is room") };
+        pool.loaded(slot, None);
+        pool.check().unwrap();
+        assert_eq!(pool.counters().reads, 0);
+        assert!(fill(&pool, &model, pages[1], pool.reference(pages[1].number)).is_some());
+        pool.check().unwrap();
+    }
+}
