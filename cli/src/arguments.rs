@@ -116,14 +116,14 @@ pub enum StrategyName {
 #[command(after_long_help = "Examples:\n  vdt build bunny.ply -o bunny.vdt\n  \
                              vdt build scan.obj -o scan.vdt --memory 2G\n  \
                              vdt build part1.stl part2.stl -o both.vdt --metric length --strategy btree\n  \
-                             vdt build huge.ply -o huge.vdt --dry-run")]
+                             vdt build huge.ply --dry-run")]
 pub struct BuildOptions {
     /// Mesh files; several are taken as one mesh.
     #[arg(required = true, value_name = "MESH")]
     pub meshes: Vec<PathBuf>,
     /// Where to write the model.
-    #[arg(short, long, value_name = "MODEL.vdt")]
-    pub output: PathBuf,
+    #[arg(short, long, value_name = "MODEL.vdt", required_unless_present = "dry_run")]
+    pub output: Option<PathBuf>,
     /// RAM for what grows with the mesh. A mesh that needs more is refused, with the number that it needs.
     #[arg(long, default_value = "256M")]
     pub memory: ByteSize,

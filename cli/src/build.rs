@@ -30,11 +30,11 @@ pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
             StrategyName::Btree => simplify::Order::Queue,
         },
     };
-    if options.dry_run {
+    let Some(output) = options.output.as_deref().filter(|_| !options.dry_run) else {
         return dry_run(&options, &build_options, json);
-    }
-    may_write(&LocalDisk, &options.output, options.force)?;
-    if let Some(mesh) = options.meshes.iter().find(|mesh| is_same_file(mesh, &options.output)) {
+    };
+    may_write(&LocalDisk, output, options.force)?;
+    if let Some(mesh) = options.meshes.iter().find(|mesh| is_same_file(mesh, output)) {
         bail!("{}: this is a mesh to be read; the model would replace it", mesh.display());
     }
 
@@ -61,9 +61,9 @@ pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
             StrategyName::Btree => Strategy::Btree,
         },
     };
-    let model = write_model(Arc::new(disk.clone()), &options.output, &tree, &model_options)?;
+    let model = write_model(Arc::new(disk.clone()), output, &tree, &model_options)?;
     let (bytes_read, bytes_written) = (disk.bytes_read(), disk.bytes_written());
-    let digest = sha256(&disk, &options.output)?;
+    let digest = sha256(&disk, output)?;
     drop(progress);
 
     let done = Done {
@@ -79,7 +79,7 @@ pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
         bytes_written,
         digest,
     };
-    done.print(&options, json)
+    done.print(output, options.memory, json)
 }
 
 /// Everything that a build has to tell.
@@ -98,13 +98,13 @@ struct Done {
 }
 
 impl Done {
-    fn print(&self, options: &arguments::BuildOptions, json: bool) -> Result<()> {
+    fn print(&self, output: &Path, memory: ByteSize, json: bool) -> Result<()> {
         let Done { report: build, model, .. } = self;
         let collapses = build.legal_collapses + build.end_phase_collapses;
         let rate = collapses as f64 / build.simplify_cpu_seconds.max(1e-9);
         let peak = storage::usage::peak_resident_bytes();
         let mut report = Report::default();
-        report.line("model", options.output.display());
+        report.line("model", output.display());
         report.line(
             "mesh",
             format!(
@@ -140,7 +140,7 @@ impl Done {
         report.line("size", self.size());
         report.line("time", format!("{:.2} s ({:.2} s of CPU)", self.seconds, self.cpu_seconds));
         if let Some(peak) = peak {
-            report.line("peak RAM", format!("{} of {} allowed", ByteSize(peak), options.memory));
+            report.line("peak RAM", format!("{} of {} allowed", ByteSize(peak), memory));
         }
         report.print(json, &self.to_json(peak, rate))
     }

@@ -37,10 +37,23 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("vdt: {error:#}");
+            eprintln!("vdt: {}", message(&error));
             ExitCode::FAILURE
         }
     }
+}
+
+/// The error with its causes, without those that it has told itself.
+fn message(error: &anyhow::Error) -> String {
+    let mut message = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if message.is_empty() {
+            message = cause;
+        } else if !message.contains(&cause) {
+            message = format!("{message}: {cause}");
+        }
+    }
+    message
 }
 
 /// Whoever read our output had enough of it (`vdt info … | head`): that is not a failure.
@@ -49,4 +62,19 @@ fn is_broken_pipe(error: &anyhow::Error) -> bool {
         .chain()
         .filter_map(|cause| cause.downcast_ref::<std::io::Error>())
         .any(|cause| cause.kind() == std::io::ErrorKind::BrokenPipe)
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::{Context, anyhow};
+
+    use super::*;
+
+    #[test]
+    fn a_cause_is_told_once() {
+        let error = anyhow!("no such file").context("cannot open x: no such file").context("the step failed");
+        assert_eq!(message(&error), "the step failed: cannot open x: no such file");
+        let failed: anyhow::Result<()> = Err(anyhow!("a")).context("b");
+        assert_eq!(message(&failed.unwrap_err()), "b: a");
+    }
 }

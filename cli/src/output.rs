@@ -52,8 +52,10 @@ pub fn counted(number: u64, one: &str, many: &str) -> String {
 
 /// A length with four digits that count.
 pub fn length(value: f64) -> String {
-    if value == 0.0 || (1e-3..1e6).contains(&value.abs()) {
-        let digits = (3 - value.abs().max(1e-3).log10().floor() as i32).clamp(0, 6) as usize;
+    if value == 0.0 {
+        "0".into()
+    } else if (1e-3..1e6).contains(&value.abs()) {
+        let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 6) as usize;
         format!("{value:.digits$}")
     } else {
         format!("{value:.3e}")
@@ -94,8 +96,8 @@ mod tests {
         assert_eq!(grouped(1234), "1,234");
         assert_eq!(grouped(123_456_789), "123,456,789");
         assert_eq!(counted(1, "root", "roots"), "1 root");
-        assert_eq!(length(0.0), "0.000");
-        assert_eq!(length(0.012345), "0.01235");
+        assert_eq!(length(0.0), "0");
+        assert_eq!(length(0.012346), "0.01235");
         assert_eq!(length(1234.5678), "1235");
         assert_eq!(length(1.5e-9), "1.500e-9");
     }
