@@ -22,8 +22,14 @@ use clap::Parser;
 
 use arguments::{Arguments, Command};
 
+/// Exit code of a program that was interrupted, as shells have it.
+const INTERRUPTED: i32 = 130;
+
 fn main() -> ExitCode {
     let Arguments { command, json } = Arguments::parse();
+    if let Err(error) = ctrlc::set_handler(stop) {
+        eprintln!("vdt: Ctrl-C will leave temporary files behind: {error}");
+    }
     let result = match command {
         Command::Demo(options) => demo::run(options, json),
         Command::Generate(options) => generate::run(options, json),
@@ -54,6 +60,13 @@ fn message(error: &anyhow::Error) -> String {
         }
     }
     message
+}
+
+/// On Ctrl-C or a request to terminate: an output that is not whole yet goes, its predecessor stays.
+fn stop() {
+    storage::remove_unfinished();
+    eprintln!("vdt: interrupted");
+    std::process::exit(INTERRUPTED);
 }
 
 /// Whoever read our output had enough of it (`vdt info … | head`): that is not a failure.

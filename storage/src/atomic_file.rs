@@ -1,15 +1,32 @@
 //! A file that appears under its name whole, or not at all (invariant 8 of the design).
 //!
 //! It is written under a temporary name beside its target, flushed to the device, and renamed. Dropped before
-//! [`AtomicFile::commit`], it removes the temporary file and leaves whatever the target was. Appends are gathered in
-//! a buffer of 64 KiB.
+//! [`AtomicFile::commit`], it removes the temporary file and leaves whatever the target was; a program that is told to
+//! stop calls [`remove_unfinished`] first. Appends are gathered in a buffer of 64 KiB.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::disk::{Disk, StorageError, WriteFile};
 
 const BUFFER_BYTES: usize = 64 * 1024;
+
+/// The temporary files of this process, and the disks that they are on.
+static UNFINISHED: Mutex<Vec<(Arc<dyn Disk>, PathBuf)>> = Mutex::new(Vec::new());
+
+fn unfinished() -> MutexGuard<'static, Vec<(Arc<dyn Disk>, PathBuf)>> {
+    // A list of names is sound whatever happened to the thread that held it.
+    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes the temporary files of all [`AtomicFile`]s that are not committed: what a program does when it is told to
+/// stop at once. The process must end then: those files cannot be committed any more.
+pub fn remove_unfinished() {
+    for (disk, temporary) in unfinished().drain(..) {
+        // There is nobody to tell, and no time.
+        let _ = disk.remove(&temporary);
+    }
+}
 
 /// A file on its way to its name.
 #[derive(Debug)]
@@ -37,6 +54,7 @@ impl AtomicFile {
             StorageError::Io { operation, source, .. } => StorageError::io(target, operation, source),
             other => other,
         })?;
+        unfinished().push((disk.clone(), temporary.clone()));
         Ok(AtomicFile {
             disk,
             target: target.to_path_buf(),
@@ -78,10 +96,15 @@ impl AtomicFile {
         // Closed before it is renamed: some systems insist.
         self.file = None;
         let renamed = self.disk.rename(&self.temporary, &self.target);
+        self.forget();
         if renamed.is_err() {
             let _ = self.disk.remove(&self.temporary);
         }
         renamed
+    }
+
+    fn forget(&self) {
+        unfinished().retain(|(disk, temporary)| !Arc::ptr_eq(disk, &self.disk) || *temporary != self.temporary);
     }
 
     fn flush(&mut self) -> Result<(), StorageError> {
@@ -114,6 +137,7 @@ impl AtomicFile {
 impl Drop for AtomicFile {
     fn drop(&mut self) {
         if self.file.take().is_some() {
+            self.forget();
             // An error here has no one to go to; the next build finds the leftover by its name.
             let _ = self.disk.remove(&self.temporary);
         }
