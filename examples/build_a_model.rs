@@ -10,24 +10,18 @@ use metanode::header::{Blocking, Metric, Strategy};
 use metanode::{ModelOptions, write_model};
 use storage::{ByteSize, LocalDisk};
 use vdt::build::{BuildOptions, build};
-use vdt::simplify;
 
 fn main() -> Result<()> {
     let mut arguments = std::env::args_os().skip(1).map(PathBuf::from);
     let mesh = arguments.next().context("which mesh?")?;
     let model = arguments.next().context("which model?")?;
 
-    let options =
-        BuildOptions { memory: ByteSize(256 << 20), metric: simplify::Metric::Quadric, order: simplify::Order::Rounds };
+    let options = BuildOptions { memory: ByteSize(256 << 20), metric: Metric::Quadric, strategy: Strategy::Passes };
     let (tree, report) = build(&LocalDisk, &[mesh], &options, &mut |phase, share| {
         eprint!("\r{phase:?} {:.0} %   ", 100.0 * share);
     })?;
 
-    let options = ModelOptions {
-        blocking: Blocking::Forest { slot_bytes: 32 << 10, fan_out: 8 },
-        metric: Metric::Quadric,
-        strategy: Strategy::Passes,
-    };
+    let options = ModelOptions { blocking: Blocking::default(), metric: options.metric, strategy: options.strategy };
     let summary = write_model(Arc::new(LocalDisk), &model, &tree, &options)?;
     println!("\n{} collapses, {} meta-nodes, {} bytes", report.legal_collapses, summary.pages, summary.bytes);
     Ok(())

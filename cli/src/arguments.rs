@@ -1,11 +1,14 @@
 //! The command line, with its help.
 
+use std::error::Error;
+use std::fmt::Display;
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use metanode::blocking::{ParseBlockingError, check_parameters};
-use metanode::header::Blocking;
+use metanode::header::{Blocking, Metric, Strategy};
 use navigator::PathSpec;
 use storage::ByteSize;
 use vdt::generate::Shape;
@@ -93,24 +96,6 @@ pub struct GenerateOptions {
     pub force: bool,
 }
 
-/// What a collapse costs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum MetricName {
-    /// Quadric error: the distance to the planes of the surface.
-    Quadric,
-    /// Euclidean length of the edge.
-    Length,
-}
-
-/// In which order edges are collapsed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum StrategyName {
-    /// Rounds, each of the cheapest fifth of the edges: fast, and as good.
-    Passes,
-    /// The paper's: always the shortest edge, through one priority queue.
-    Btree,
-}
-
 /// `vdt build`
 #[derive(Debug, Args)]
 #[command(after_long_help = "Examples:\n  vdt build bunny.ply -o bunny.vdt\n  \
@@ -127,12 +112,13 @@ pub struct BuildOptions {
     /// RAM for what grows with the mesh. A mesh that needs more is refused, with the number that it needs.
     #[arg(long, default_value = "256M")]
     pub memory: ByteSize,
-    /// What a collapse costs.
-    #[arg(long, value_enum, default_value_t = MetricName::Quadric)]
-    pub metric: MetricName,
-    /// In which order edges are collapsed.
-    #[arg(long, value_enum, default_value_t = StrategyName::Passes)]
-    pub strategy: StrategyName,
+    /// What a collapse costs: quadric, the distance to the planes of the surface, or length, that of the edge.
+    #[arg(long, default_value_t = Metric::Quadric, value_parser = one_of(&Metric::ALL))]
+    pub metric: Metric,
+    /// In which order edges are collapsed: passes, rounds of the cheapest fifth of the edges, fast and as good; or btree,
+    /// the paper's, always the shortest edge.
+    #[arg(long, default_value_t = Strategy::Passes, value_parser = one_of(&Strategy::ALL))]
+    pub strategy: Strategy,
     /// How the tree is cut into meta-nodes: forest:SLOT,CHILDREN fills slots of SLOT bytes, each with at most CHILDREN
     /// child meta-nodes; levels:L gives each meta-node L levels of one binary tree, as the paper does.
     #[arg(long, default_value_t, value_parser = blocking)]
@@ -143,6 +129,15 @@ pub struct BuildOptions {
     /// Replace an existing model.
     #[arg(long)]
     pub force: bool,
+}
+
+/// Takes one of several names, and lists them in the help.
+fn one_of<T>(all: &[T]) -> impl TypedValueParser<Value = T> + use<T>
+where
+    T: Display + FromStr<Err: Error + Send + Sync + 'static> + Clone + Send + Sync + 'static,
+{
+    PossibleValuesParser::new(all.iter().map(|item| PossibleValue::new(item.to_string())))
+        .try_map(|name| name.parse::<T>())
 }
 
 /// A blocking that can be.

@@ -5,31 +5,19 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Result, bail};
-use metanode::header::{Metric, Strategy};
 use metanode::{ModelOptions, ModelSummary, write_model};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use storage::{ByteSize, CountingDisk, Disk, LocalDisk};
 use vdt::build::{BuildOptions, BuildReport, Phase, build, needs};
 use vdt::ingest::{self, CleaningCounts};
-use vdt::simplify;
 
-use crate::arguments::{self, MetricName, StrategyName};
+use crate::arguments;
 use crate::output::{Report, counted, grouped, may_write};
 use crate::progress::Progress;
 
 pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
-    let build_options = BuildOptions {
-        memory: options.memory,
-        metric: match options.metric {
-            MetricName::Quadric => simplify::Metric::Quadric,
-            MetricName::Length => simplify::Metric::Length,
-        },
-        order: match options.strategy {
-            StrategyName::Passes => simplify::Order::Rounds,
-            StrategyName::Btree => simplify::Order::Queue,
-        },
-    };
+    let build_options = BuildOptions { memory: options.memory, metric: options.metric, strategy: options.strategy };
     let Some(output) = options.output.as_deref().filter(|_| !options.dry_run) else {
         return dry_run(&options, &build_options, json);
     };
@@ -50,17 +38,7 @@ pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
         progress.show(share);
     })?;
     progress.phase("writing");
-    let model_options = ModelOptions {
-        blocking: options.blocking,
-        metric: match options.metric {
-            MetricName::Quadric => Metric::Quadric,
-            MetricName::Length => Metric::Length,
-        },
-        strategy: match options.strategy {
-            StrategyName::Passes => Strategy::Passes,
-            StrategyName::Btree => Strategy::Btree,
-        },
-    };
+    let model_options = ModelOptions { blocking: options.blocking, metric: options.metric, strategy: options.strategy };
     let model = write_model(Arc::new(disk.clone()), output, &tree, &model_options)?;
     let (bytes_read, bytes_written) = (disk.bytes_read(), disk.bytes_written());
     let digest = sha256(&disk, output)?;
@@ -220,7 +198,7 @@ fn dry_run(options: &arguments::BuildOptions, build_options: &BuildOptions, json
     let progress = Progress::new("counting");
     let counts = ingest::count(&LocalDisk, &options.meshes)?;
     drop(progress);
-    let needs = needs(counts, build_options.order);
+    let needs = needs(counts, build_options.strategy);
     let fits = needs <= options.memory;
     let mut report = Report::default();
     report.line(

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::Result;
-use metanode::header::{Header, MAGIC, Metric, Strategy};
+use metanode::header::{Header, MAGIC};
 use metanode::model::Model;
 use metanode::statistics;
 use serde_json::json;
@@ -23,7 +23,7 @@ fn model_info(path: &Path, json: bool) -> Result<()> {
     let model = Model::open(&LocalDisk, path)?;
     let header: &Header = model.header();
     let figures = statistics(&model)?;
-    let (metric, strategy) = (metric_name(header.metric), strategy_name(header.strategy));
+    let (metric, strategy) = (header.metric.to_string(), header.strategy.to_string());
     let blocking = header.blocking.to_string();
     let corner =
         |values: [f32; 3]| -> [f64; 3] { std::array::from_fn(|axis| f64::from(values[axis]) + header.origin[axis]) };
@@ -118,20 +118,6 @@ fn model_info(path: &Path, json: bool) -> Result<()> {
 
 fn per_vertex(bytes: u64, header: &Header) -> f64 {
     bytes as f64 / f64::from(header.leaf_count.max(1))
-}
-
-fn metric_name(metric: Metric) -> &'static str {
-    match metric {
-        Metric::Quadric => "quadric",
-        Metric::Length => "length",
-    }
-}
-
-fn strategy_name(strategy: Strategy) -> &'static str {
-    match strategy {
-        Strategy::Passes => "passes",
-        Strategy::Btree => "btree",
-    }
 }
 
 /// Bounds of the vertices that pass by.

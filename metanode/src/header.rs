@@ -42,6 +42,7 @@ use std::path::{Path, PathBuf};
 use storage::StorageError;
 use thiserror::Error;
 use vdt::tree::NormalCone;
+pub use vdt::tree::{Metric, Strategy};
 
 use crate::page::{PageError, PageLocation};
 
@@ -117,24 +118,6 @@ pub enum ModelError {
         /// What is wrong with it.
         source: PageError,
     },
-}
-
-/// The metric that ordered the collapses and gave the switch values.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Metric {
-    /// Quadric error with a small edge-length term.
-    Quadric,
-    /// Euclidean edge length.
-    Length,
-}
-
-/// How the collapses were ordered.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Strategy {
-    /// Rounds of frozen batches.
-    Passes,
-    /// The paper's shortest edge first.
-    Btree,
 }
 
 /// How the tree was cut into meta-nodes.

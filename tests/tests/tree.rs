@@ -1,11 +1,14 @@
 //! Trees of random meshes: well formed, legal in both orders, the same for any order of the input, scale-free.
 
+// A test says what it expects by unwrapping.
+#![allow(clippy::unwrap_used)]
+
 use std::collections::BTreeMap;
 
 use proptest::prelude::*;
 use vdt::ingest::{CleaningCounts, CoreMesh, canonical};
-use vdt::simplify::{History, Metric, Order, simplify};
-use vdt::tree::{Tree, check, finish};
+use vdt::simplify::{History, simplify};
+use vdt::tree::{Metric, Strategy as Order, Tree, check, finish};
 use vdt_tests::cut;
 use vdt_tests::random_mesh::{RawMesh, any_mesh, closed_box, sheet, sphere};
 use vdt_tests::replay::PlainMesh;
@@ -29,7 +32,7 @@ fn either_metric() -> impl Strategy<Value = Metric> {
 }
 
 fn either_order() -> impl Strategy<Value = Order> {
-    prop_oneof![Just(Order::Rounds), Just(Order::Queue)]
+    prop_oneof![Just(Order::Passes), Just(Order::Btree)]
 }
 
 /// The triangles, as they were, that a collapse moved or removed.
@@ -100,7 +103,7 @@ proptest! {
         let factor = 2.0_f64.powi(exponent);
         let mut scaled = mesh.clone();
         scaled.positions.iter_mut().flatten().for_each(|value| *value *= factor);
-        let (tree, scaled) = (tree(&mesh, Metric::Quadric, Order::Rounds), tree(&scaled, Metric::Quadric, Order::Rounds));
+        let (tree, scaled) = (tree(&mesh, Metric::Quadric, Order::Passes), tree(&scaled, Metric::Quadric, Order::Passes));
         prop_assert_eq!(&tree.roots, &scaled.roots);
         prop_assert_eq!(&tree.triangles, &scaled.triangles);
         for (split, other) in tree.splits.iter().zip(&scaled.splits) {
@@ -133,7 +136,7 @@ proptest! {
 fn a_closed_manifold_stays_one_down_to_the_tetrahedron() {
     for metric in [Metric::Quadric, Metric::Length] {
         let core = core(&sphere(3, 0.1, 7));
-        let history = history(&core, metric, Order::Rounds);
+        let history = history(&core, metric, Order::Passes);
         assert_eq!(history.legal, core.positions.len() - 4);
         let mut plain = PlainMesh::new(&core.positions, &core.triangles);
         for collapse in &history.collapses[..history.legal] {
@@ -153,7 +156,7 @@ fn both_orders_reach_the_same_quality() {
         let switches: Vec<f32> = history.collapses[..core.positions.len() * 9 / 10].iter().map(|c| c.switch).collect();
         switches.iter().sum::<f32>() / switches.len() as f32
     };
-    let (rounds, queue) = (mean(Order::Rounds), mean(Order::Queue));
+    let (rounds, queue) = (mean(Order::Passes), mean(Order::Btree));
     assert!((rounds / queue - 1.0).abs() < 0.1, "{rounds} {queue}");
 }
 
@@ -161,7 +164,7 @@ fn both_orders_reach_the_same_quality() {
 #[test]
 fn the_outline_of_a_flat_sheet_keeps_its_corners() {
     let mesh = sheet(16, 16, 0.0, 0, 1);
-    let tree = tree(&mesh, Metric::Quadric, Order::Rounds);
+    let tree = tree(&mesh, Metric::Quadric, Order::Passes);
     let active = cut::cut(&tree, |node| tree.splits[node.split as usize].switch > 1e-3);
     let mut corners: Vec<_> = active.iter().map(|node| tree.positions[node.start as usize]).collect();
     corners.sort_by(|a, b| a.partial_cmp(b).unwrap());
@@ -174,7 +177,7 @@ fn the_outline_of_a_flat_sheet_keeps_its_corners() {
 fn a_small_part_vanishes_at_its_diameter() {
     let mut mesh = sheet(8, 8, 0.0, 0, 1);
     mesh.append(&closed_box(), [20.0, 0.0, 0.0]);
-    let tree = tree(&mesh, Metric::Quadric, Order::Rounds);
+    let tree = tree(&mesh, Metric::Quadric, Order::Passes);
     let root_switches: Vec<f32> = tree.roots.iter().map(|root| tree.splits[root.split as usize].switch).collect();
     assert_eq!(root_switches.len(), 2);
     assert!(root_switches.iter().any(|switch| (switch - 3.0_f32.sqrt()).abs() < 1e-5), "{root_switches:?}");

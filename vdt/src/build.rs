@@ -10,8 +10,8 @@ use storage::{ByteSize, Disk};
 
 use crate::ingest::{self, CleaningCounts, FileCounts};
 use crate::mesh::MeshError;
-use crate::simplify::{self, Metric, Order};
-use crate::tree::{Tree, finish};
+use crate::simplify;
+use crate::tree::{Metric, Strategy, Tree, finish};
 
 /// How a tree is to be built.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,8 +20,8 @@ pub struct BuildOptions {
     pub memory: ByteSize,
     /// What a collapse costs.
     pub metric: Metric,
-    /// In which order edges are collapsed.
-    pub order: Order,
+    /// How the order of the collapses is found.
+    pub strategy: Strategy,
 }
 
 /// The phases of a build, for whoever shows progress.
@@ -42,7 +42,7 @@ pub struct BuildReport {
     pub files: FileCounts,
     /// What was changed on the way in.
     pub cleaning: CleaningCounts,
-    /// Rounds of collapses that kept all legality tests (1 with [`Order::Queue`]).
+    /// Rounds of collapses that kept all legality tests (1 with [`Strategy::Btree`]).
     pub rounds: u32,
     /// Collapses that kept all legality tests.
     pub legal_collapses: u64,
@@ -58,18 +58,18 @@ pub struct BuildReport {
 /// with the canonical mesh and the history beside it. Measured on ten meshes, it is 5 to 15 % less.
 const BYTES_PER_VERTEX: u64 = 140;
 const BYTES_PER_TRIANGLE: u64 = 56;
-/// What the priority queue of [`Order::Queue`] takes more, for each triangle: several entries for each edge.
+/// What the priority queue of [`Strategy::Btree`] takes more, for each triangle: several entries for each edge.
 const QUEUE_BYTES_PER_TRIANGLE: u64 = 60;
 /// Tables that do not depend on the size.
 const FIXED_BYTES: u64 = 1 << 20;
 
 /// Bytes that building the tree of a mesh in core takes, for files that hold this much.
-pub fn needs(counts: FileCounts, order: Order) -> ByteSize {
+pub fn needs(counts: FileCounts, strategy: Strategy) -> ByteSize {
     // A soup of triangles has three vertices for each facet, of which a sixth is left after welding.
     let vertices = counts.vertices.min(counts.triangles.saturating_mul(3) / 4 + 4);
-    let per_triangle = match order {
-        Order::Rounds => BYTES_PER_TRIANGLE,
-        Order::Queue => BYTES_PER_TRIANGLE + QUEUE_BYTES_PER_TRIANGLE,
+    let per_triangle = match strategy {
+        Strategy::Passes => BYTES_PER_TRIANGLE,
+        Strategy::Btree => BYTES_PER_TRIANGLE + QUEUE_BYTES_PER_TRIANGLE,
     };
     let engine =
         vertices.saturating_mul(BYTES_PER_VERTEX).saturating_add(counts.triangles.saturating_mul(per_triangle));
@@ -88,10 +88,10 @@ pub fn build(
     progress: &mut dyn FnMut(Phase, f64),
 ) -> Result<(Tree, BuildReport), MeshError> {
     progress(Phase::Reading, 0.0);
-    let (mesh, files) = ingest::load(disk, paths, options.memory, &|counts| needs(counts, options.order))?;
+    let (mesh, files) = ingest::load(disk, paths, options.memory, &|counts| needs(counts, options.strategy))?;
     progress(Phase::Simplifying, 0.0);
     let (start, cpu_start) = (Instant::now(), storage::usage::cpu_time());
-    let history = simplify::simplify(&mesh, options.metric, options.order, &mut |share| {
+    let history = simplify::simplify(&mesh, options.metric, options.strategy, &mut |share| {
         progress(Phase::Simplifying, share);
     });
     let report = BuildReport {

@@ -326,7 +326,7 @@ pub fn canonical(
     let bounds =
         Bounds::of(local.iter().zip(&named).filter(|(_, named)| **named).map(|(position, _)| position.map(f64::from)));
     let extent = bounds.largest_extent();
-    if !(extent > 0.0) {
+    if extent <= 0.0 {
         // No triangle has three different corners.
         cleaning.degenerate_triangles += triangles.len() as u64;
         cleaning.isolated_vertices += local.len() as u64;

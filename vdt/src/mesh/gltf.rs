@@ -503,7 +503,8 @@ mod tests {
     }
 
     fn expected_quad() -> Collected {
-        Collected { announced: Some((4, 2)), vertices: widened(&QUAD), faces: vec![vec![0, 1, 2], vec![0, 2, 3]] }
+        let faces = vec![vec![0, 1, 2], vec![0, 2, 3]];
+        Collected { announced: Some((4, 2)), vertices: widened(&QUAD), faces, left_out: 0 }
     }
 
     #[test]
@@ -582,6 +583,7 @@ mod tests {
         assert_eq!(collected.announced, Some((4, 2)));
         assert_eq!(collected.vertices.len(), 4);
         assert_eq!(collected.faces, [[0, 1, 2], [2, 1, 3], [1, 2, 0], [2, 3, 0]]);
+        assert_eq!(collected.left_out, 4);
     }
 
     #[test]

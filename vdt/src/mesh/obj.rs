@@ -174,6 +174,13 @@ mod tests {
     const QUAD: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0.5\n";
 
     #[test]
+    fn points_lines_and_curves_are_counted_and_left_out() {
+        let text = "v 0 0 0\nv 1 0 0\nv 0 1 0\np 1 2\nl 1 2 3\nf 1 2 3\ncurv 0 1 1 2 3\n";
+        let found = read_bytes(read, text).unwrap();
+        assert_eq!((found.faces.len(), found.left_out), (1, 3));
+    }
+
+    #[test]
     fn corners_come_in_four_forms() {
         let text = format!(
             "{QUAD}vt 0 0\nvn 0 0 1\nf 1 2 3 4\nf 1/1 2/1 3/1\nf 1//1 2//1 3//1\nf 1/1/1 2/1/1 3/1/1\nf 1/ 2// 3\n"

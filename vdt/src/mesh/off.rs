@@ -206,6 +206,7 @@ mod tests {
             announced: Some((4, 2)),
             vertices: vec![[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.5]],
             faces: vec![vec![0, 1, 2, 3], vec![0, 1, 2]],
+            left_out: 0,
         }
     }
 

@@ -923,6 +923,7 @@ mod tests {
             announced: Some((3, 1)),
             vertices: vec![[0.0; 3], [1.0, 0.0, 0.5], [0.0, 1.0, -2000.0]],
             faces: vec![vec![0, 1, 2]],
+            left_out: 0,
         }
     }
 
@@ -1014,7 +1015,8 @@ mod tests {
                             property float y\nproperty float x\n\
                             element edge 1\nproperty int vertex1\nproperty int vertex2";
         let text = "90 2 0.5 0.25\n\n70 0\n3\n255 3 2 11 12 2 1\n0 0\n";
-        let expected = Collected { announced: Some((1, 0)), vertices: vec![[1.0, 2.0, 3.0]], faces: vec![] };
+        let expected =
+            Collected { announced: Some((1, 0)), vertices: vec![[1.0, 2.0, 3.0]], faces: vec![], left_out: 1 };
         assert_eq!(found(file("ascii", declarations, text)), expected);
         let mut body = Vec::new();
         body.extend_from_slice(&90_f32.to_le_bytes());

@@ -230,6 +230,7 @@ mod tests {
             announced: announced.then_some((count * 3, count)),
             vertices: facets.iter().flatten().map(|position| position.map(f64::from)).collect(),
             faces: (0..facets.len() as i64).map(|facet| vec![facet * 3, facet * 3 + 1, facet * 3 + 2]).collect(),
+            left_out: 0,
         }
     }
 

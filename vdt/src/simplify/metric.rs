@@ -29,7 +29,7 @@ impl Quadric {
     /// Adds the plane through the vertex with normal `direction` (of any length), with this weight.
     pub fn add_plane_through_vertex(&mut self, direction: Vector, weight: f64) {
         let square = dot(direction, direction);
-        if !(square > 0.0) {
+        if square <= 0.0 {
             return;
         }
         let scale = weight / square;

@@ -25,27 +25,10 @@ mod queue;
 mod rounds;
 
 use crate::ingest::CoreMesh;
+use crate::tree::{Metric, Strategy};
 use metric::{CollapseMetric, LengthMetric, QuadricMetric};
 
 pub use collapse::Collapse;
-
-/// What a collapse costs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Metric {
-    /// Quadric error with a small edge-length term.
-    Quadric,
-    /// Euclidean edge length, the paper's.
-    Length,
-}
-
-/// In which order edges are collapsed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Order {
-    /// Rounds of a frozen batch: the order that external passes reproduce exactly.
-    Rounds,
-    /// The paper's: always the shortest edge, edges made on the way included, through a priority queue.
-    Queue,
-}
 
 /// Everything that happened to a mesh until one root per component was left.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -58,25 +41,25 @@ pub struct History {
     pub regular: Vec<bool>,
     /// How many of the collapses passed the legality tests; those after them belong to the end phase.
     pub legal: usize,
-    /// Rounds that the legal collapses took (1 for [`Order::Queue`]).
+    /// Rounds that the legal collapses took (1 for [`Strategy::Btree`]).
     pub rounds: u32,
 }
 
 /// Simplifies a canonical mesh down to one root per component.
 ///
 /// `progress` is called now and then with the share of the vertices that are gone, 0 to 1.
-pub fn simplify(mesh: &CoreMesh, metric: Metric, order: Order, progress: &mut dyn FnMut(f64)) -> History {
+pub fn simplify(mesh: &CoreMesh, metric: Metric, strategy: Strategy, progress: &mut dyn FnMut(f64)) -> History {
     match metric {
-        Metric::Quadric => run(mesh, QuadricMetric, order, progress),
-        Metric::Length => run(mesh, LengthMetric, order, progress),
+        Metric::Quadric => run(mesh, QuadricMetric, strategy, progress),
+        Metric::Length => run(mesh, LengthMetric, strategy, progress),
     }
 }
 
-fn run<M: CollapseMetric>(mesh: &CoreMesh, metric: M, order: Order, progress: &mut dyn FnMut(f64)) -> History {
+fn run<M: CollapseMetric>(mesh: &CoreMesh, metric: M, strategy: Strategy, progress: &mut dyn FnMut(f64)) -> History {
     let mut engine = collapse::Engine::new(mesh, metric);
-    match order {
-        Order::Rounds => rounds::run(&mut engine, progress),
-        Order::Queue => queue::run(&mut engine, progress),
+    match strategy {
+        Strategy::Passes => rounds::run(&mut engine, progress),
+        Strategy::Btree => queue::run(&mut engine, progress),
     }
     let (legal, rounds) = (engine.collapse_count(), engine.round());
     end_phase::run(&mut engine, mesh, progress);

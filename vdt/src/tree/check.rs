@@ -125,7 +125,7 @@ fn check_child(tree: &Tree, parent_at: u32, parent: u32, child: u32, child_at: u
     let [above, below]: [&Split; 2] = [parent, child].map(|split| &tree.splits[split as usize]);
     let [from, to] = [parent_at, child_at].map(|leaf| tree.positions[leaf as usize].map(f64::from));
     let square: f64 = (0..3).map(|axis| (to[axis] - from[axis]) * (to[axis] - from[axis])).sum();
-    if !(below.switch > 0.0) || below.switch > above.switch {
+    if below.switch.is_nan() || below.switch <= 0.0 || below.switch > above.switch {
         problem("its switch value is larger, or not positive")
     } else if below.id >= above.id {
         problem("its id is not smaller")

@@ -19,4 +19,4 @@ mod record;
 
 pub use check::{TreeError, check};
 pub use finish::finish;
-pub use record::{BornTriangles, NO_SPLIT, NormalCone, Root, Split, Tree};
+pub use record::{BornTriangles, Metric, NO_SPLIT, NormalCone, Root, Split, Strategy, Tree, UnknownNameError};

@@ -1,5 +1,89 @@
 //! The records of a view-dependence tree: plain data, no behaviour beyond looking things up.
 
+use std::fmt;
+use std::str::FromStr;
+
+use thiserror::Error;
+
+/// What a collapse costs: the key by which collapses are ordered, and where switch values start from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Metric {
+    /// Quadric error: the distance to the planes of the surface; with a small edge-length term in the key.
+    Quadric,
+    /// Euclidean edge length, the paper's.
+    Length,
+}
+
+/// How the order of the collapses is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Strategy {
+    /// Rounds of a frozen batch: the order that external passes reproduce exactly.
+    Passes,
+    /// The paper's: always the shortest edge, edges made on the way included.
+    Btree,
+}
+
+/// A name that stands for nothing.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error("there is no {kind} `{name}`; there are {known}")]
+pub struct UnknownNameError {
+    kind: &'static str,
+    name: String,
+    known: String,
+}
+
+/// Finds the item whose [`fmt::Display`] is `name`.
+fn named<T: fmt::Display + Copy>(kind: &'static str, all: &[T], name: &str) -> Result<T, UnknownNameError> {
+    all.iter().copied().find(|item| item.to_string() == name).ok_or_else(|| {
+        let known = all.iter().map(T::to_string).collect::<Vec<_>>().join(" and ");
+        UnknownNameError { kind, name: name.to_owned(), known }
+    })
+}
+
+impl Metric {
+    /// All there are.
+    pub const ALL: [Metric; 2] = [Metric::Quadric, Metric::Length];
+}
+
+impl Strategy {
+    /// All there are.
+    pub const ALL: [Strategy; 2] = [Strategy::Passes, Strategy::Btree];
+}
+
+impl fmt::Display for Metric {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.pad(match self {
+            Metric::Quadric => "quadric",
+            Metric::Length => "length",
+        })
+    }
+}
+
+impl fmt::Display for Strategy {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.pad(match self {
+            Strategy::Passes => "passes",
+            Strategy::Btree => "btree",
+        })
+    }
+}
+
+impl FromStr for Metric {
+    type Err = UnknownNameError;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        named("metric", &Metric::ALL, name)
+    }
+}
+
+impl FromStr for Strategy {
+    type Err = UnknownNameError;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        named("strategy", &Strategy::ALL, name)
+    }
+}
+
 /// Stands for "no split": the child is a leaf.
 pub const NO_SPLIT: u32 = u32::MAX;
 
