@@ -9,8 +9,10 @@
 use crate::vector::{Vector, dot};
 
 /// Weight of the edge-length term against the quadric. Never zero: in flat regions the quadric is rounding noise, and
-/// without this term slivers would wander there. Small: at 1e-3 it costs CAD parts a factor of several in the fine
-/// levels (`facts/error.md`, section 4).
+/// without this term slivers would wander there. Small: distances measured from the input, at 50, 20, 5 and 1 % of the
+/// triangles, root mean square in 1e-4 of the diagonal, are 0.079, 0.81, 4.3, 38 on a CAD part (fandisk) with 1e-3, and
+/// 0.010, 0.25, 2.6, 30 with 1e-5; 1e-6 is no better from 1 % on. Scans and terrain differ by less than a tenth between
+/// 1e-4 and 1e-6.
 const LENGTH_WEIGHT: f32 = 1e-5;
 
 /// A sum of squared distances to planes, as a polynomial in the displacement from the vertex that it belongs to.
