@@ -20,6 +20,12 @@ impl RawMesh {
         self.triangles.extend(other.triangles.iter().map(|t| t.map(|corner| corner + first)));
     }
 
+    /// The same mesh with every coordinate rounded to single precision, so that files of every format can hold it.
+    pub fn in_single_precision(mut self) -> RawMesh {
+        self.positions.iter_mut().flatten().for_each(|value| *value = f64::from(*value as f32));
+        self
+    }
+
     /// The same mesh with its vertices and triangles in another order, and each triangle rotated.
     pub fn shuffled(&self, seed: u64) -> RawMesh {
         let mut random = Random(seed);
@@ -158,7 +164,7 @@ pub fn closed_box() -> RawMesh {
 /// Triangles between random points of a small lattice: everything can happen.
 pub fn soup(points: usize, triangles: usize, lattice: usize, seed: u64) -> RawMesh {
     let mut random = Random(seed);
-    let mut coordinate = |random: &mut Random| random.below(lattice) as f64;
+    let coordinate = |random: &mut Random| random.below(lattice) as f64;
     let positions =
         (0..points).map(|_| [coordinate(&mut random), coordinate(&mut random), coordinate(&mut random)]).collect();
     let triangles = (0..triangles).map(|_| [0; 3].map(|_: u32| random.below(points) as u32)).collect();

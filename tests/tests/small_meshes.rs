@@ -1,6 +1,8 @@
 //! Small and strange meshes that are valid: each is built, described, checked against its file, flown around in both
 //! modes of reading, and extracted in every way; and fully refined it comes back.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a panic is how a test fails")]
+
 use serde_json::Value;
 use vdt_tests::mesh_files::{Coordinates, Encoding, ply, read_ply, surface};
 use vdt_tests::program::Workplace;
@@ -125,8 +127,8 @@ fn the_whole_way(place: &Workplace, mesh: &RawMesh, components: usize) {
     let (seen, _) = extract(&format!("--camera {},{y},{},{x},{y},{z} --pixels 0.5", x + far, z + far));
     assert!(seen.triangles.len() <= expected.len());
     // With next to no error allowed, everything is there.
-    let (near, said) = extract(&format!("--camera {},{y},{},{x},{y},{z} --pixels 1e-30", x + far, z + far));
-    if near.triangles.len() != expected.len() { eprintln!("NEAR {} of {} ({})", near.triangles.len(), expected.len(), seen.triangles.len()); }
+    let (all, said) = extract(&format!("--camera {},{y},{},{x},{y},{z} --pixels 1e-30", x + far, z + far));
+    assert!(surface(&all) == expected, "{} of {} triangles: {said}", all.triangles.len(), expected.len());
 }
 
 /// Writes the mesh as `mesh.ply`, in numbers that keep it, and goes the whole way.
@@ -221,6 +223,28 @@ fn as_small_and_as_large_as_single_precision_goes() {
             mesh.positions.iter_mut().flatten().for_each(|value| *value *= scale);
             go(&mesh.in_single_precision(), 1);
         }
+    }
+}
+
+/// The same, 2^100 times as large or as small: a camera sees the same triangles.
+#[test]
+fn what_is_seen_does_not_depend_on_the_unit() {
+    let seen = |exponent: i32| {
+        let place = workplace!();
+        let scale = 2.0_f64.powi(exponent);
+        let mut mesh = sphere(4, 0.05, 9).in_single_precision();
+        mesh.positions.iter_mut().flatten().for_each(|value| *value *= scale);
+        place.write("mesh.ply", ply(&mesh, Encoding::LittleEndian, Coordinates::Float));
+        place.json("build mesh.ply -o model.vdt");
+        let camera = [3.0, 1.0, 2.0, 0.0, 0.0, 0.0].map(|value| (value * scale).to_string()).join(",");
+        let extracted = place.json(&format!("extract model.vdt -o seen.ply --camera {camera} --pixels 8"));
+        let flown = place.json("navigate model.vdt --path orbit:30 --io sync --pixels 4");
+        (extracted["triangles"].clone(), flown["triangles_mean"].clone())
+    };
+    let expected = seen(0);
+    assert!((100..1500).contains(&expected.0.as_u64().unwrap()), "{expected:?}");
+    for exponent in [-100, -60, 60, 100] {
+        assert_eq!(seen(exponent), expected, "2^{exponent}");
     }
 }
 
