@@ -6,12 +6,13 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::error::ErrorKind;
+use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use metanode::blocking::{ParseBlockingError, check_parameters};
 use metanode::header::{Blocking, Metric, Strategy};
 use navigator::PathSpec;
 use storage::ByteSize;
-use vdt::generate::Shape;
+use vdt::generate::{Shape, TRIANGLES};
 
 /// View-dependent models of triangle meshes: build one, check it, take levels of detail out of it, and fly through it
 /// in a RAM budget that you set.
@@ -61,7 +62,7 @@ pub struct DemoOptions {
     #[arg(short, long, default_value = "vdt-demo")]
     pub output: PathBuf,
     /// Triangles of the terrain.
-    #[arg(long, default_value_t = 1_000_000)]
+    #[arg(long, default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(TRIANGLES))]
     pub triangles: u64,
     /// RAM for building the model.
     #[arg(long, default_value = "256M")]
@@ -70,7 +71,7 @@ pub struct DemoOptions {
     #[arg(long, default_value = "16M")]
     pub memory: ByteSize,
     /// Frames of the flight, at 60 a second.
-    #[arg(long, default_value_t = 600)]
+    #[arg(long, default_value_t = 600, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub frames: u32,
 }
 
@@ -83,7 +84,7 @@ pub struct GenerateOptions {
     /// boundaries, non-manifold edges).
     pub shape: Shape,
     /// How many triangles, 10 to 1000000000. Sphere and gyroid come near it, terrain and city meet it.
-    #[arg(long)]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(TRIANGLES))]
     pub triangles: u64,
     /// Another seed gives another mesh of the same kind; the same one, the same bytes.
     #[arg(long, default_value_t = 0)]
@@ -238,6 +239,11 @@ pub struct PictureSize {
     pub height: u32,
 }
 
+impl PictureSize {
+    /// 1920 by 1080 pixels.
+    pub const FULL_HD: PictureSize = PictureSize { width: 1920, height: 1080 };
+}
+
 impl FromStr for PictureSize {
     type Err = String;
 
@@ -264,18 +270,31 @@ pub struct ExtractOptions {
     pub output: PathBuf,
     #[command(flatten)]
     pub cut: CutOptions,
-    /// With --camera: error to be seen at most, in pixels.
-    #[arg(long, default_value_t = 1.0, requires = "camera", value_parser = positive)]
-    pub pixels: f32,
-    /// With --camera: size of the picture that the pixels are of.
-    #[arg(long, default_value = "1920x1080", requires = "camera")]
-    pub size: PictureSize,
-    /// With --camera: RAM for refining the view.
-    #[arg(long, default_value = "256M", requires = "camera")]
-    pub memory: ByteSize,
+    /// With --camera: error to be seen at most, in pixels [default: 1].
+    #[arg(long, value_parser = positive)]
+    pub pixels: Option<f32>,
+    /// With --camera: size of the picture that the pixels are of [default: 1920x1080].
+    #[arg(long)]
+    pub size: Option<PictureSize>,
+    /// With --camera: RAM for refining the view [default: 256M].
+    #[arg(long)]
+    pub memory: Option<ByteSize>,
     /// Replace an existing file.
     #[arg(long)]
     pub force: bool,
+}
+
+impl ExtractOptions {
+    /// Ends the program with a message about usage where an option of a camera is given without one. (clap's `requires`
+    /// does not see it, since --camera cannot be given beside --error or --triangles.)
+    pub fn check(&self) {
+        let given =
+            [("--pixels", self.pixels.is_some()), ("--size", self.size.is_some()), ("--memory", self.memory.is_some())];
+        if let Some((name, _)) = given.iter().find(|(_, given)| *given && self.cut.camera.is_none()) {
+            let message = format!("{name} goes with --camera only: the same detail everywhere has no picture");
+            Arguments::command().error(ErrorKind::MissingRequiredArgument, message).exit();
+        }
+    }
 }
 
 /// Which level of detail.
@@ -379,7 +398,6 @@ mod tests {
 
     #[test]
     fn the_command_line_is_well_formed() {
-        use clap::CommandFactory;
         Arguments::command().debug_assert();
     }
 

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use metanode::{ModelOptions, ModelSummary, write_model};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -21,10 +21,8 @@ pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
     let Some(output) = options.output.as_deref().filter(|_| !options.dry_run) else {
         return dry_run(&options, &build_options, json);
     };
-    may_write(&LocalDisk, output, options.force)?;
-    if let Some(mesh) = options.meshes.iter().find(|mesh| is_same_file(mesh, output)) {
-        bail!("{}: this is a mesh to be read; the model would replace it", mesh.display());
-    }
+    let inputs: Vec<&Path> = options.meshes.iter().map(AsRef::as_ref).collect();
+    may_write(&LocalDisk, output, options.force, &inputs)?;
 
     let start = Instant::now();
     let disk = CountingDisk::new(Arc::new(LocalDisk));
@@ -221,13 +219,6 @@ fn dry_run(options: &arguments::BuildOptions, build_options: &BuildOptions, json
             "fits": fits,
         }),
     )
-}
-
-fn is_same_file(left: &Path, right: &Path) -> bool {
-    match (left.canonicalize(), right.canonicalize()) {
-        (Ok(left), Ok(right)) => left == right,
-        _ => false,
-    }
 }
 
 fn sha256(disk: &dyn Disk, path: &Path) -> Result<String> {

@@ -1,8 +1,9 @@
 //! `vdt demo`: the whole way on a mesh that it makes. Each step is this program run again as a process of its own, so
 //! that the peak RAM of the flight is the flight's, by the operating system's figure, and not that of the build.
 
+use std::io::{self, Write};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -13,6 +14,7 @@ use storage::{ByteSize, LocalDisk};
 use crate::arguments::DemoOptions;
 use crate::chart::flight_chart;
 use crate::output::{Report, counted, grouped, write_text};
+use crate::progress::Progress;
 
 pub fn run(options: DemoOptions, json: bool) -> Result<()> {
     let start = Instant::now();
@@ -20,18 +22,19 @@ pub fn run(options: DemoOptions, json: bool) -> Result<()> {
         .with_context(|| format!("cannot make the folder {}", options.output.display()))?;
     let [mesh, model, csv, chart] =
         ["terrain.ply", "terrain.vdt", "flight.csv", "flight.svg"].map(|name| options.output.join(name));
-    let say = |text: String| {
+    let say = |text: String| -> Result<()> {
         if !json {
-            println!("{text}");
+            writeln!(io::stdout(), "{text}")?;
         }
+        Ok(())
     };
 
-    say(format!("1. A terrain of {} triangles", grouped(options.triangles)));
+    say(format!("1. A terrain of {} triangles", grouped(options.triangles)))?;
     let triangles = options.triangles.to_string();
     let generated = step(&["generate", "terrain", "--triangles", &triangles, "--force", "-o"], &mesh, &[])?;
-    say(format!("   {}: {}, {:.1} s", mesh.display(), size(&generated, "bytes"), float(&generated, "seconds")));
+    say(format!("   {}: {}, {:.1} s", mesh.display(), size(&generated, "bytes"), float(&generated, "seconds")))?;
 
-    say("2. Its model: collapse edges, number, block into meta-nodes".into());
+    say("2. Its model: collapse edges, number, block into meta-nodes".into())?;
     let build_memory = options.build_memory.0.to_string();
     let built = step(&["build"], &mesh, &["--memory", &build_memory, "--force", "-o", &path(&model)?])?;
     say(format!(
@@ -42,13 +45,13 @@ pub fn run(options: DemoOptions, json: bool) -> Result<()> {
         counted(whole(&built, "meta_nodes"), "meta-node", "meta-nodes"),
         float(&built, "seconds"),
         size(&built, "peak_rss_bytes"),
-    ));
+    ))?;
 
-    say("3. Every byte, link and invariant of it checked; fully refined, it is the terrain".into());
+    say("3. Every byte, link and invariant of it checked; fully refined, it is the terrain".into())?;
     let verified = step(&["verify"], &model, &["--against", &path(&mesh)?])?;
-    say(format!("   {}, {}", counted(whole(&verified, "splits"), "split", "splits"), size(&verified, "bytes")));
+    say(format!("   {}, {}", counted(whole(&verified, "splits"), "split", "splits"), size(&verified, "bytes")))?;
 
-    say(format!("4. A flight over it in {} of RAM, {} frames at 60 a second", options.memory, options.frames));
+    say(format!("4. A flight over it in {} of RAM, {} frames at 60 a second", options.memory, options.frames))?;
     let (flight_path, memory) = (format!("flyby:{}", options.frames), options.memory.0.to_string());
     let flight_options = ["--path", &flight_path, "--memory", &memory, "--force", "--csv", &path(&csv)?];
     let flown = step(&["navigate"], &model, &flight_options)?;
@@ -111,19 +114,24 @@ pub fn run(options: DemoOptions, json: bool) -> Result<()> {
     )
 }
 
-/// Runs this program with `before`, `file`, `after` and `--json`; its progress and its errors go where ours go.
+/// Runs this program with `before`, `file`, `after` and `--json`. What a step that fails says is what the demo says.
 fn step(before: &[&str], file: &Path, after: &[&str]) -> Result<Value> {
     let program = std::env::current_exe().context("cannot find this program's own file")?;
+    let progress = Progress::waiting("working");
     let output = Command::new(program)
         .args(before)
         .arg(file)
         .args(after)
         .arg("--json")
-        .stderr(Stdio::inherit())
         .output()
         .context("cannot start this program again")?;
+    drop(progress);
     if !output.status.success() {
-        bail!("the step `vdt {}` failed", before.first().copied().unwrap_or_default());
+        let message = String::from_utf8_lossy(&output.stderr);
+        let message = message.trim().trim_start_matches("vdt: ");
+        // The demo has two budgets, and its flight's is the one that is called as the step's is.
+        let option = if before == ["build"] { "--build-memory" } else { "--memory" };
+        bail!("{}", message.replace("--memory", option));
     }
     serde_json::from_slice(&output.stdout).context("a step of the demo printed no JSON")
 }

@@ -11,12 +11,14 @@ use storage::{ByteSize, LocalDisk};
 use vdt::mesh::MeshError;
 use vdt::mesh::ply_writer::{CoordinateType, PlyLayout, PlyWriter};
 
-use crate::arguments::{CameraArgument, ExtractOptions};
+use crate::arguments::{CameraArgument, ExtractOptions, PictureSize};
 use crate::output::{Report, counted, length, may_write};
 use crate::progress::Progress;
 
 /// Vertical field of view of `--camera`, in degrees.
 const FIELD_OF_VIEW: f64 = 60.0;
+/// RAM for a view, where nothing else is said.
+const DEFAULT_MEMORY: ByteSize = ByteSize(256 << 20);
 /// After so many frames a view that does not settle is taken as it is.
 const MOST_FRAMES: u64 = 10_000;
 
@@ -31,7 +33,8 @@ struct Extracted {
 }
 
 pub fn run(options: ExtractOptions, json: bool) -> Result<()> {
-    may_write(&LocalDisk, &options.output, options.force)?;
+    options.check();
+    may_write(&LocalDisk, &options.output, options.force, &[&options.model])?;
     if options.output.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("ply")) {
         bail!("{}: meshes are written as PLY; give a name that ends in .ply", options.output.display());
     }
@@ -50,7 +53,13 @@ pub fn run(options: ExtractOptions, json: bool) -> Result<()> {
     report.line("mesh", options.output.display());
     report.line("triangles", counted(extracted.triangles, "triangle", "triangles"));
     report.line("vertices", counted(extracted.vertices, "vertex", "vertices"));
-    report.line("error", format!("{} by the metric's estimate (not guaranteed)", length(extracted.error_stated)));
+    report.line(
+        "error",
+        match extracted.error_stated {
+            0.0 => "none: this is the mesh itself".into(),
+            stated => format!("{} by the metric's estimate (not guaranteed)", length(stated)),
+        },
+    );
     report.line("size", ByteSize(extracted.bytes));
     if let Some(note) = &extracted.note {
         report.line("note", note);
@@ -122,12 +131,13 @@ fn uniform(model: &Model, options: &ExtractOptions, error: f32) -> Result<Extrac
 
 fn seen(model: Model, options: &ExtractOptions, camera: CameraArgument) -> Result<Extracted> {
     let origin = model.header().origin;
+    let (pixels, size) = (options.pixels.unwrap_or(1.0), options.size.unwrap_or(PictureSize::FULL_HD));
     let camera = Camera::looking_at(camera.eye.into(), camera.target.into(), FIELD_OF_VIEW);
     let navigator_options = NavigatorOptions {
-        memory: options.memory.0,
-        pixels: options.pixels,
-        width: options.size.width,
-        height: options.size.height,
+        memory: options.memory.unwrap_or(DEFAULT_MEMORY).0,
+        pixels,
+        width: size.width,
+        height: size.height,
         dependency: Dependency::Implicit,
         io: Io::Sync,
         ..NavigatorOptions::default()
@@ -148,20 +158,15 @@ fn seen(model: Model, options: &ExtractOptions, camera: CameraArgument) -> Resul
     }
     let single = vertices.iter().all(|position| is_single(*position));
     let triangles = navigator.triangle_count() as u64;
-    let comment = format!("vdt extract: {} pixels from camera {camera}", options.pixels);
+    let comment = format!("vdt extract: {pixels} pixels from camera {camera}");
     let layout = layout(vertices.len() as u64, triangles, single, comment);
     let mut writer = PlyWriter::create(Arc::new(LocalDisk), &options.output, layout)?;
     vertices.iter().try_for_each(|position| writer.vertex(*position))?;
     navigator.triangles().try_for_each(|triangle| -> Result<(), MeshError> {
         writer.triangle(triangle.nodes.map(|node| number[node as usize]))
     })?;
-    let note = (frame.threshold_factor > 1.0).then(|| {
-        format!(
-            "the memory did not allow {} pixels, but {:.1}",
-            options.pixels,
-            options.pixels * frame.threshold_factor
-        )
-    });
+    let note = (frame.threshold_factor > 1.0)
+        .then(|| format!("the memory did not allow {pixels} pixels, but {:.1}", pixels * frame.threshold_factor));
     Ok(Extracted {
         vertices: vertices.len() as u64,
         triangles,

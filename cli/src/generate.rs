@@ -13,7 +13,7 @@ use crate::output::{Report, counted, may_write};
 use crate::progress::Progress;
 
 pub fn run(options: arguments::GenerateOptions, json: bool) -> Result<()> {
-    may_write(&LocalDisk, &options.output, options.force)?;
+    may_write(&LocalDisk, &options.output, options.force, &[])?;
     let start = Instant::now();
     let progress = Progress::new("generating");
     let what = GenerateOptions { shape: options.shape, triangles: options.triangles, seed: options.seed };

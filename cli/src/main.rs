@@ -64,7 +64,7 @@ fn message(error: &anyhow::Error) -> String {
 
 /// On Ctrl-C or a request to terminate: an output that is not whole yet goes, its predecessor stays.
 fn stop() {
-    storage::remove_unfinished();
+    let _standstill = storage::remove_unfinished();
     eprintln!("vdt: interrupted");
     std::process::exit(INTERRUPTED);
 }

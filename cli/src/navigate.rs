@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use metanode::model::Model;
-use navigator::{Dependency, FlightSummary, FrameStatistics, Io, Navigator, NavigatorOptions};
+use navigator::{Dependency, FlightSummary, FrameStatistics, Io, Navigator, NavigatorOptions, PathSpec};
 use serde_json::{Value, json};
 use storage::{ByteSize, Disk, LocalDisk};
 
@@ -21,7 +21,11 @@ threshold_factor,error_stated,pages_in_use,reads,bytes_read,second_chances,urgen
 pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
     let disk: Arc<dyn Disk> = Arc::new(LocalDisk);
     if let Some(csv) = &options.csv {
-        may_write(disk.as_ref(), csv, options.force)?;
+        let mut inputs = vec![options.model.as_path()];
+        if let PathSpec::File(path) = &options.path {
+            inputs.push(path);
+        }
+        may_write(disk.as_ref(), csv, options.force, &inputs)?;
     }
     let model = Arc::new(Model::open(disk.as_ref(), &options.model)?);
     let cameras = options.path.cameras(disk.as_ref(), &model)?;

@@ -62,10 +62,14 @@ pub fn length(value: f64) -> String {
     }
 }
 
-/// Refuses an output that exists, unless it may be replaced, and one whose folder does not exist.
-pub fn may_write(disk: &dyn Disk, path: &Path, force: bool) -> Result<()> {
+/// Refuses an output that exists, unless it may be replaced, one whose folder does not exist, one that is no plain file,
+/// and one that is among the `inputs`.
+pub fn may_write(disk: &dyn Disk, path: &Path, force: bool, inputs: &[&Path]) -> Result<()> {
     if path.is_dir() {
         bail!("{}: this is a directory; name a file in it", path.display());
+    }
+    if path.exists() && !path.is_file() {
+        bail!("{}: this is no plain file; name one that can be replaced", path.display());
     }
     if disk.exists(path) && !force {
         bail!("{}: the file exists already; use --force to replace it, or name another", path.display());
@@ -76,7 +80,17 @@ pub fn may_write(disk: &dyn Disk, path: &Path, force: bool) -> Result<()> {
     {
         bail!("{}: there is no directory {}", path.display(), folder.display());
     }
+    if inputs.iter().any(|input| is_same_file(input, path)) {
+        bail!("{}: this file is to be read, and the output would replace it; name another", path.display());
+    }
     Ok(())
+}
+
+fn is_same_file(left: &Path, right: &Path) -> bool {
+    match (left.canonicalize(), right.canonicalize()) {
+        (Ok(left), Ok(right)) => left == right,
+        _ => false,
+    }
 }
 
 /// Writes a text file whole or not at all.

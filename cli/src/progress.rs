@@ -25,6 +25,14 @@ impl Progress {
         Progress { bar }
     }
 
+    /// Begins a sign of life, for work whose share done is not known.
+    pub fn waiting(what: &'static str) -> Self {
+        let bar = ProgressBar::new_spinner();
+        bar.set_message(what);
+        bar.enable_steady_tick(Duration::from_millis(200));
+        Progress { bar }
+    }
+
     /// Names what is being done.
     pub fn phase(&self, what: &'static str) {
         self.bar.set_message(what);

@@ -87,12 +87,15 @@ fn compare(model: &Model, mesh: CoreMesh) -> Result<()> {
             mesh.triangles.len(),
         );
     }
-    let pairs = refined.triangles.iter().zip(&mesh.triangles);
-    let different = pairs.filter(|(model, other)| place(&refined, **model) != place(&mesh, **other));
-    match different.count() {
-        0 if refined.origin == mesh.origin => Ok(()),
-        count => {
-            bail!("{}: not this mesh: {count} of {} triangles differ", model.path().display(), mesh.triangles.len())
-        }
+    let mut pairs = refined.triangles.iter().zip(&mesh.triangles);
+    match pairs.position(|(model, other)| place(&refined, *model) != place(&mesh, *other)) {
+        None if refined.origin == mesh.origin => Ok(()),
+        None => bail!("{}: not this mesh: it lies elsewhere", model.path().display()),
+        Some(first) => bail!(
+            "{}: not this mesh: of {} triangles, in canonical order, the first that differs is number {first}, {:?}",
+            model.path().display(),
+            mesh.triangles.len(),
+            place(&mesh, mesh.triangles[first]),
+        ),
     }
 }

@@ -4,6 +4,8 @@
 //! the lists of candidates, and the buffers for one page. What is left after the fixed parts is shared by the place
 //! holders and the front; neither gets more than the whole model needs, and what one cannot use goes to the other.
 
+use std::path::PathBuf;
+
 use metanode::model::Model;
 use thiserror::Error;
 
@@ -47,10 +49,12 @@ pub struct Budget {
 /// The memory allowed is less than the model needs at the least.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error(
-    "{memory} bytes are too few to navigate this model ({roots} components, meta-nodes of {slot_bytes} bytes); \
-     run again with --memory {}K", smallest.div_ceil(1024)
+    "{}: {memory} bytes of RAM are too few to fly through this model (components: {roots}, meta-nodes of {slot_bytes} \
+     bytes); run again with --memory {}K", path.display(), smallest.div_ceil(1024)
 )]
 pub struct BudgetError {
+    /// The model.
+    pub path: PathBuf,
     /// Bytes allowed.
     pub memory: u64,
     /// The fewest bytes that work.
@@ -149,7 +153,13 @@ pub fn plan(model: &Model, memory: u64) -> Result<Budget, BudgetError> {
     let smallest = needs.budget(least_slots, least_splits).bytes;
     if smallest > memory {
         let header = model.header();
-        return Err(BudgetError { memory, smallest, roots: header.root_count, slot_bytes: header.slot_bytes });
+        return Err(BudgetError {
+            path: model.path().into(),
+            memory,
+            smallest,
+            roots: header.root_count,
+            slot_bytes: header.slot_bytes,
+        });
     }
     // At least what the least pool and the least front take, by the check just made.
     let to_share = memory - needs.budget(0, 0).bytes;

@@ -6,6 +6,9 @@
 //! where the sphere is outside the view frustum, or where every normal in the node's cone points away from the eye
 //! from every point in the sphere.
 //!
+//! Everything is measured in a unit in which the model is about one wide, a power of two of the mesh's: so squares of
+//! lengths stay within single precision whatever the unit of the mesh, and nothing else changes.
+//!
 //! Spheres and cones nest and switch values never fall towards the root, and every test here says of a node what
 //! holds for its descendants too; so a node's error is never below that of its descendants (up to rounding), and the
 //! nodes with too large an error form the tops of the trees.
@@ -38,13 +41,30 @@ pub struct Sphere {
 /// A camera looking at a model, on a screen of a certain size.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
+    /// Units of the view in a mesh unit: a power of two.
+    unit: f32,
     eye: Vec3,
     /// Inward normals of the five planes through the eye: behind, right, left, top, bottom.
     planes: [Vec3; 5],
-    /// Pixels that one mesh unit takes at a distance of one mesh unit.
+    /// Pixels that a length takes at a distance of that length.
     scale: f32,
-    /// The least distance that counts, in mesh units.
+    /// The least distance that counts.
     nearest: f32,
+}
+
+/// A node as a view sees it, in the unit of the view.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    to_node: Vec3,
+    radius: f32,
+    switch: f32,
+    cone: NormalCone,
+}
+
+/// The power of two, within the range of single precision, that brings `length` nearest below one.
+fn unit_for(length: f64) -> f32 {
+    let exponent = if length > 0.0 { -length.log2().ceil() } else { 0.0 };
+    exponent.clamp(-126.0, 126.0).exp2() as f32
 }
 
 impl View {
@@ -60,29 +80,44 @@ impl View {
             frame.forward * tall - frame.up,
             frame.forward * tall + frame.up,
         ];
+        let unit = unit_for(header.diagonal());
         Ok(View {
-            eye: (camera.eye - DVec3::from_array(header.origin)).as_vec3(),
+            unit,
+            eye: ((camera.eye - DVec3::from_array(header.origin)) * f64::from(unit)).as_vec3(),
             planes: planes.map(|normal| normal.normalize().as_vec3()),
             scale: (f64::from(height) / (2.0 * tall)) as f32,
-            nearest: ((header.diagonal() * NEAREST) as f32).max(f32::MIN_POSITIVE),
+            nearest: ((header.diagonal() * f64::from(unit) * NEAREST) as f32).max(f32::MIN_POSITIVE),
         })
+    }
+
+    #[inline]
+    fn seen(&self, sphere: &Sphere) -> Seen {
+        Seen {
+            to_node: Vec3::from_array(sphere.position) * self.unit - self.eye,
+            radius: sphere.radius * self.unit,
+            switch: sphere.switch * self.unit,
+            cone: sphere.cone,
+        }
     }
 
     /// Error of a node in pixels.
     pub fn pixel_error(&self, sphere: &Sphere) -> f32 {
-        let to_node = Vec3::from_array(sphere.position) - self.eye;
-        let distance = (to_node.length() - sphere.radius).max(self.nearest);
-        let error = sphere.switch * self.scale / distance;
-        if self.is_unseen(to_node, sphere) { error / UNSEEN_DIVISOR } else { error }
+        self.error_of(&self.seen(sphere))
     }
 
-    fn is_unseen(&self, to_node: Vec3, sphere: &Sphere) -> bool {
-        self.outside(to_node, sphere.radius) || turned_away(to_node, sphere.radius, sphere.cone)
+    fn error_of(&self, node: &Seen) -> f32 {
+        let distance = (node.to_node.length() - node.radius).max(self.nearest);
+        let error = node.switch * self.scale / distance;
+        if self.is_unseen(node) { error / UNSEEN_DIVISOR } else { error }
+    }
+
+    fn is_unseen(&self, node: &Seen) -> bool {
+        self.outside(node) || turned_away(node.to_node, node.radius, node.cone)
     }
 
     /// Whether the sphere can reach into the picture.
     pub fn can_see(&self, sphere: &Sphere) -> bool {
-        !self.outside(Vec3::from_array(sphere.position) - self.eye, sphere.radius)
+        !self.outside(&self.seen(sphere))
     }
 
     /// The test against one threshold, with what depends on the threshold alone done ahead.
@@ -95,8 +130,8 @@ impl View {
         }
     }
 
-    fn outside(&self, to_node: Vec3, radius: f32) -> bool {
-        self.planes.iter().any(|normal| normal.dot(to_node) < -radius)
+    fn outside(&self, node: &Seen) -> bool {
+        self.planes.iter().any(|normal| normal.dot(node.to_node) < -node.radius)
     }
 }
 
@@ -142,10 +177,10 @@ impl Threshold<'_> {
     /// root or a division, and for most without a look at frustum and cone.
     #[inline]
     pub fn is_exceeded(&self, sphere: &Sphere) -> bool {
-        let to_node = Vec3::from_array(sphere.position) - self.view.eye;
-        let square = to_node.length_squared();
-        let (reach, unseen_reach) = (sphere.switch * self.reach, sphere.switch * self.unseen_reach);
-        let (seen, unseen) = (reach + sphere.radius, unseen_reach + sphere.radius);
+        let node = self.view.seen(sphere);
+        let square = node.to_node.length_squared();
+        let (reach, unseen_reach) = (node.switch * self.reach, node.switch * self.unseen_reach);
+        let (seen, unseen) = (reach + node.radius, unseen_reach + node.radius);
         let (seen, unseen) = (seen * seen, unseen * unseen);
         if square > seen * (1.0 + ROUNDING) {
             return false;
@@ -155,7 +190,7 @@ impl Threshold<'_> {
         }
         let only_seen =
             reach > self.view.nearest && square < seen * (1.0 - ROUNDING) && square > unseen * (1.0 + ROUNDING);
-        if only_seen { !self.view.is_unseen(to_node, sphere) } else { self.view.pixel_error(sphere) > self.threshold }
+        if only_seen { !self.view.is_unseen(&node) } else { self.view.error_of(&node) > self.threshold }
     }
 
     /// The error in pixels, where it is above the threshold.

@@ -19,13 +19,55 @@ fn unfinished() -> MutexGuard<'static, Vec<(Arc<dyn Disk>, PathBuf)>> {
     UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Keeps every [`AtomicFile`] of this process from beginning, being committed or being given up, as long as it lives.
+#[derive(Debug)]
+pub struct Standstill {
+    _list: MutexGuard<'static, Vec<(Arc<dyn Disk>, PathBuf)>>,
+}
+
 /// Removes the temporary files of all [`AtomicFile`]s that are not committed: what a program does when it is told to
-/// stop at once. The process must end then: those files cannot be committed any more.
-pub fn remove_unfinished() {
-    for (disk, temporary) in unfinished().drain(..) {
+/// stop at once. It ends while it holds the [`Standstill`], so that nothing new is left behind meanwhile; those files
+/// cannot be committed any more.
+pub fn remove_unfinished() -> Standstill {
+    let mut list = unfinished();
+    for (disk, temporary) in list.drain(..) {
         // There is nobody to tell, and no time.
         let _ = disk.remove(&temporary);
     }
+    Standstill { _list: list }
+}
+
+/// Whether a process of this number is running. Where the system does not tell, one is.
+fn is_running(process: u32) -> bool {
+    #[cfg(unix)]
+    {
+        let process = i32::try_from(process).ok().and_then(rustix::process::Pid::from_raw);
+        process.is_some_and(|process| rustix::process::test_kill_process(process) != Err(rustix::io::Errno::SRCH))
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = process;
+        true
+    }
+}
+
+/// Removes what killed processes left of this target.
+fn remove_leftovers(disk: &dyn Disk, target: &Path, name: &str) -> Result<(), StorageError> {
+    for path in disk.list(target.parent().unwrap_or(Path::new("")))? {
+        let found = path.file_name().map(|found| found.to_string_lossy().into_owned()).unwrap_or_default();
+        let process = found
+            .strip_prefix('.')
+            .and_then(|rest| rest.strip_prefix(name))
+            .and_then(|rest| rest.strip_prefix('.'))
+            .and_then(|rest| rest.strip_suffix(".tmp"))
+            .and_then(|process| process.parse().ok());
+        // A file of our own number is from an earlier process that had it: ours are on the list, and nobody writes the
+        // same output twice at once.
+        if process.is_some_and(|process| process == std::process::id() || !is_running(process)) {
+            disk.remove(&path)?;
+        }
+    }
+    Ok(())
 }
 
 /// A file on its way to its name.
@@ -45,16 +87,15 @@ impl AtomicFile {
     pub fn create(disk: Arc<dyn Disk>, target: &Path) -> Result<Self, StorageError> {
         let name = target.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         let temporary = target.with_file_name(format!(".{name}.{}.tmp", std::process::id()));
-        if disk.exists(&temporary) {
-            // Left by a killed process that had our number: nobody else's.
-            disk.remove(&temporary)?;
-        }
+        let mut list = unfinished();
+        remove_leftovers(disk.as_ref(), target, &name)?;
         let file = disk.create_new(&temporary).map_err(|error| match error {
             // The user asked for the target; the temporary name would only puzzle.
             StorageError::Io { operation, source, .. } => StorageError::io(target, operation, source),
             other => other,
         })?;
-        unfinished().push((disk.clone(), temporary.clone()));
+        list.push((disk.clone(), temporary.clone()));
+        drop(list);
         Ok(AtomicFile {
             disk,
             target: target.to_path_buf(),
@@ -95,16 +136,17 @@ impl AtomicFile {
         self.with_file(|file| file.sync())?;
         // Closed before it is renamed: some systems insist.
         self.file = None;
+        let mut list = unfinished();
         let renamed = self.disk.rename(&self.temporary, &self.target);
-        self.forget();
+        self.forget(&mut list);
         if renamed.is_err() {
             let _ = self.disk.remove(&self.temporary);
         }
         renamed
     }
 
-    fn forget(&self) {
-        unfinished().retain(|(disk, temporary)| !Arc::ptr_eq(disk, &self.disk) || *temporary != self.temporary);
+    fn forget(&self, list: &mut Vec<(Arc<dyn Disk>, PathBuf)>) {
+        list.retain(|(disk, temporary)| !Arc::ptr_eq(disk, &self.disk) || *temporary != self.temporary);
     }
 
     fn flush(&mut self) -> Result<(), StorageError> {
@@ -137,7 +179,7 @@ impl AtomicFile {
 impl Drop for AtomicFile {
     fn drop(&mut self) {
         if self.file.take().is_some() {
-            self.forget();
+            self.forget(&mut unfinished());
             // An error here has no one to go to; the next build finds the leftover by its name.
             let _ = self.disk.remove(&self.temporary);
         }
@@ -165,6 +207,23 @@ mod tests {
         file.commit().unwrap();
         assert_eq!(memory.bytes("model").unwrap(), b"new");
         assert_eq!(memory.paths().len(), 1);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_a_killed_process_left_is_removed_and_what_a_running_one_writes_is_not() {
+        let memory = MemoryDisk::new();
+        let running = std::os::unix::process::parent_id();
+        let kept = [format!("there/.model.{running}.tmp"), "there/.model.x.tmp".into(), "there/.other.1.tmp".into()];
+        kept.iter().for_each(|path| memory.insert(path, b"half".to_vec()));
+        // Numbers of processes end far below this one.
+        memory.insert("there/.model.2000000000.tmp", b"half".to_vec());
+        let file = AtomicFile::create(Arc::new(memory.clone()), Path::new("there/model")).unwrap();
+        file.commit().unwrap();
+        let mut expected: Vec<PathBuf> = kept.iter().map(PathBuf::from).collect();
+        expected.push("there/model".into());
+        expected.sort();
+        assert_eq!(memory.paths(), expected);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! A disk that counts what is read from it and written to it: the I/O figures of the reports.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -97,6 +97,10 @@ impl Disk for CountingDisk {
 
     fn remove(&self, path: &Path) -> Result<(), StorageError> {
         self.inner.remove(path)
+    }
+
+    fn list(&self, folder: &Path) -> Result<Vec<PathBuf>, StorageError> {
+        self.inner.list(folder)
     }
 
     fn exists(&self, path: &Path) -> bool {

@@ -112,6 +112,9 @@ pub trait Disk: Send + Sync + Debug {
     /// Deletes a file.
     fn remove(&self, path: &Path) -> Result<(), StorageError>;
 
+    /// The files in a folder, in no particular order.
+    fn list(&self, folder: &Path) -> Result<Vec<PathBuf>, StorageError>;
+
     /// Whether anything exists under this name.
     fn exists(&self, path: &Path) -> bool;
 }
@@ -221,6 +224,12 @@ impl Disk for LocalDisk {
 
     fn remove(&self, path: &Path) -> Result<(), StorageError> {
         fs::remove_file(path).map_err(|error| StorageError::io(path, "remove", error))
+    }
+
+    fn list(&self, folder: &Path) -> Result<Vec<PathBuf>, StorageError> {
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        let fail = |error| StorageError::io(folder, "list", error);
+        fs::read_dir(folder).map_err(fail)?.map(|entry| Ok(entry.map_err(fail)?.path())).collect()
     }
 
     fn exists(&self, path: &Path) -> bool {

@@ -3,7 +3,7 @@
 //! It wraps any other [`Disk`]; until the fault it behaves like the disk it wraps.
 
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -85,7 +85,7 @@ impl ReadAt for FaultyRead {
 #[derive(Debug)]
 struct FaultyWrite {
     inner: Box<dyn WriteFile>,
-    path: std::path::PathBuf,
+    path: PathBuf,
     plan: Arc<Plan>,
 }
 
@@ -123,6 +123,10 @@ impl Disk for FaultyDisk {
 
     fn remove(&self, path: &Path) -> Result<(), StorageError> {
         self.inner.remove(path)
+    }
+
+    fn list(&self, folder: &Path) -> Result<Vec<PathBuf>, StorageError> {
+        self.inner.list(folder)
     }
 
     fn exists(&self, path: &Path) -> bool {

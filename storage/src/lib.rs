@@ -23,7 +23,7 @@ pub mod memory_disk;
 pub mod sequential;
 pub mod usage;
 
-pub use atomic_file::{AtomicFile, remove_unfinished};
+pub use atomic_file::{AtomicFile, Standstill, remove_unfinished};
 pub use byte_size::ByteSize;
 pub use counting_disk::CountingDisk;
 pub use disk::{Disk, LocalDisk, ReadAt, StorageError, WriteFile};

@@ -123,6 +123,10 @@ impl Disk for MemoryDisk {
         lock(&self.files).remove(path).map(|_| ()).ok_or_else(|| not_found(path, "remove"))
     }
 
+    fn list(&self, folder: &Path) -> Result<Vec<PathBuf>, StorageError> {
+        Ok(lock(&self.files).keys().filter(|path| path.parent() == Some(folder)).cloned().collect())
+    }
+
     fn exists(&self, path: &Path) -> bool {
         lock(&self.files).contains_key(path)
     }

@@ -12,7 +12,7 @@ fn nothing_is_left_and_the_previous_file_stays() {
     memory.insert("model", b"old".to_vec());
     let mut file = AtomicFile::create(Arc::new(memory.clone()), Path::new("model")).unwrap();
     file.append(&[1; 200_000]).unwrap();
-    remove_unfinished();
+    drop(remove_unfinished());
     assert_eq!(memory.paths(), [Path::new("model")]);
     assert!(file.commit().is_err());
     assert_eq!(memory.bytes("model").unwrap(), b"old");

@@ -170,7 +170,8 @@ impl<'a> Buffers<'a> {
         let (file, offset, length) = match &buffer.source {
             Source::Chunk(chunk) => (self.container.file.clone(), chunk.offset, chunk.length),
             Source::File(path) => {
-                let file = self.disk.open(path)?;
+                let opened = self.disk.open(path);
+                let file = opened.map_err(|error| MeshError::malformed(self.path, place(), error.to_string()))?;
                 let length = file.length();
                 (file, 0, length)
             }
