@@ -15,9 +15,9 @@ use crate::refine::CHAIN_BYTES;
 
 /// Bytes of a candidate for a split or a collapse.
 const CANDIDATE_BYTES: usize = size_of::<u64>();
-/// The place holders' share. Flights and orbits over three models (dragon, terrain, robot) in 2, 4 and 16 MB, at a tenth
-/// of a pixel so that the limits decided, drew 5 to 18 % more triangles with 0.55 than with 0.5 or 0.6, and a third less
-/// with 0.3 or 0.7.
+/// The place holders' share. Flights and orbits over three models (dragon, terrain, robot) in 2, 4 and 16 MB, at a
+/// tenth of a pixel so that the limits decided, drew 3 to 18 % more triangles with 0.55 than with 0.5, 2 to 4 % more
+/// than with 0.6, and clearly more than with 0.3 or 0.7.
 const POOL_SHARE: f64 = 0.55;
 /// Fewest place holders: one in use, and those that the rule of three asks for.
 const LEAST_SLOTS: usize = LEAST_FOR_URGENT + 1;

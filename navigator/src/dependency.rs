@@ -1,4 +1,5 @@
-//! Implicit dependency (the paper, 3.3.5): whether a split or a collapse is safe, told from the ids of the nodes around.
+//! Implicit dependency (the paper, 3.3.5): whether a split or a collapse is safe, told from the ids of the nodes
+//! around.
 //!
 //! The nodes were numbered in the order in which the collapses of the build made them: leaves first, then 0 to the last
 //! collapse. A node *lives*, in the construction, from its own collapse to its parent's: at the times from its id to
@@ -11,8 +12,9 @@
 //!   the triangles that its split bears: they are then alive when the node's children are.
 //! - A node may be restored, its children collapsed, if its id is less than the ids of the parents of all nodes around
 //!   the children.
-//! - Where a third corner is not a neighbour of the node before the split (it is, but at some borders and knots), it may
-//!   lie so much deeper that it was gone before a child of the node came to be. That child has to split too, at once.
+//! - Where a third corner is not a neighbour of the node before the split (it is, but at some borders and knots), it
+//!   may lie so much deeper that it was gone before a child of the node came to be. That child has to split too, at
+//!   once.
 //!
 //! A neighbour with a greater id has to be split first; else a region with a large error would wait for ever for a
 //! neighbour that is out of sight. Those forced splits form chains of rising ids, so they end.

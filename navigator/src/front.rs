@@ -87,6 +87,8 @@ struct Links {
     second: u32,
     /// Index of the record in the page.
     record: u16,
+    /// Split: not to be collapsed before this time, in frames modulo 65536, if that is near.
+    not_before: u16,
 }
 
 /// An active triangle. A corner is numbered `4 * triangle + 0, 1 or 2`.
@@ -167,6 +169,7 @@ impl Front {
                     first: NONE,
                     second: NONE,
                     record: root.record,
+                    not_before: 0,
                 },
             );
         }
@@ -499,7 +502,8 @@ impl Front {
                 (Shape { sphere, page, state: State::Active }, id, record)
             }
         };
-        self.new_node(shape, Links { start, end, id, parent_id, parent, first: NONE, second: NONE, record })
+        let (first, second, not_before) = (NONE, NONE, 0);
+        self.new_node(shape, Links { start, end, id, parent_id, parent, first, second, record, not_before })
     }
 
     /// Undoes the split of a collapsible node; `page` is the number of the page that its split is in.
@@ -551,6 +555,16 @@ impl Front {
                 self.shapes[parent as usize].state = State::Collapsible;
             }
         }
+    }
+
+    /// Keeps a split node from being collapsed before the time `until`, in frames modulo 65536.
+    pub fn defer_collapse(&mut self, node: u32, until: u16) {
+        self.links[node as usize].not_before = until;
+    }
+
+    /// Whether the time before which a split node is not to be collapsed lies ahead, by no more than `most` frames.
+    pub fn collapse_is_deferred(&self, node: u32, now: u16, most: u16) -> bool {
+        (1..=most).contains(&self.links[node as usize].not_before.wrapping_sub(now))
     }
 
     /// Takes a corner out of the star that it is in.

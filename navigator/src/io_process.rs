@@ -16,7 +16,7 @@ use metanode::model::Model;
 use metanode::page::{Page, PageLocation};
 
 use crate::board::{Board, Command};
-use crate::pool::{LEAST_FOR_URGENT, Pool, Room};
+use crate::pool::{Pool, Room};
 
 /// How the I/O process runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -78,12 +78,12 @@ impl IoProcess {
         }
     }
 
-    /// The start: loads root pages, as many as leave room for the page of another split, and prefetches their children.
+    /// The start: loads root pages, into at most half of the place holders, and prefetches their children. The roots
+    /// are always there to refer to these pages, so they are given up only to urgent ones.
     pub fn load_roots(&mut self, locations: &[PageLocation]) {
-        let count = self.pool.slot_count().saturating_sub(LEAST_FOR_URGENT).max(1);
         let mut slots = Vec::new();
-        for location in locations.iter().take(count) {
-            let room = self.pool.make_room(location.number);
+        for location in locations.iter().take(self.pool.slot_count() / 2) {
+            let room = self.pool.reference(location.number);
             self.load(room, *location);
             if let Room::Slot { slot, .. } = room {
                 slots.push(slot);

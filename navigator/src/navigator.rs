@@ -28,13 +28,13 @@ use crate::dependency::{self, Dependency};
 use crate::front::{Front, Misfit, State};
 use crate::io_process::Io;
 use crate::paging::Paging;
-use crate::pool::PoolCounters;
-use crate::refine::{Chain, Outcome, Refiner};
+use crate::pool::{HOLD_FRAMES, Hold, PoolCounters};
+use crate::refine::{Chain, Outcome, PATIENCE, Refiner};
 use crate::statistics::FrameStatistics;
 use crate::view::{Sphere, View};
 
-/// How much smaller than the threshold an error has to be for a collapse: 1.05 saves most of the changes back and forth,
-/// more saves no more (`facts/front.md`).
+/// How much smaller than the threshold an error has to be for a collapse: 1.05 saves most of the changes back and
+/// forth, more saves no more (`facts/front.md`).
 const HYSTERESIS: f32 = 1.05;
 /// By how much the threshold rises with every frame that hit a limit, and falls where there is much room.
 const RAISE: f32 = 1.1;
@@ -50,8 +50,10 @@ const SOME_ROOM: f64 = 0.85;
 const KEEP_OFF: f32 = 1.05;
 /// What the raised threshold is a multiple of, where less than this was asked for, in pixels.
 const LEAST_RAISED_PIXELS: f32 = 0.01;
+/// How many frames in which pages found no room count as a limit, while the camera stands still.
+const STARVED_FRAMES: u32 = 2 * HOLD_FRAMES;
 /// How long a navigator that is to settle waits for the I/O process at a time.
-const PATIENCE: Duration = Duration::from_millis(100);
+const LONGEST_WAIT: Duration = Duration::from_millis(100);
 
 /// How to navigate.
 #[derive(Debug, Clone, PartialEq)]
@@ -185,6 +187,14 @@ pub struct Navigator {
     threshold_factor: f32,
     /// Whether the last frame changed nothing, missed nothing, and kept the threshold.
     is_at_rest: bool,
+    last_camera: Option<Camera>,
+    /// With how many frames of this camera pages found no room.
+    starved_frames: u32,
+    /// Whether a page was missing in the last frame.
+    chain_waits: bool,
+    /// Counts the frames, but for those in which the camera stands still and a page is missing: what was split for a
+    /// node that waits for one is then kept, however many it needs one after the other.
+    patience_clock: u16,
     /// The camera of the last frame that hit a limit, and the threshold's factor in it.
     limited_at: Option<(Camera, f32)>,
     pool_counters: PoolCounters,
@@ -231,6 +241,10 @@ impl Navigator {
             frame: 0,
             threshold_factor: 1.0,
             is_at_rest: false,
+            last_camera: None,
+            starved_frames: 0,
+            chain_waits: false,
+            patience_clock: 0,
             limited_at: None,
             pool_counters: PoolCounters::default(),
         })
@@ -245,6 +259,13 @@ impl Navigator {
         self.is_at_rest = false;
         let view = View::new(camera, header, self.options.width, self.options.height)?;
         self.check_failure()?;
+        self.paging.pool().begin_frame();
+        let stands_still = self.last_camera == Some(*camera);
+        self.last_camera = Some(*camera);
+        if !(stands_still && self.chain_waits) {
+            self.patience_clock = self.patience_clock.wrapping_add(1);
+        }
+        self.chain_waits = false;
         let mut statistics = FrameStatistics {
             frame: self.frame,
             threshold_factor: self.threshold_factor,
@@ -253,7 +274,7 @@ impl Navigator {
         self.frame += 1;
 
         let threshold = self.threshold();
-        self.evaluate(&view, threshold);
+        let waits = self.evaluate(&view, threshold);
         self.collapse(&view, threshold, &mut statistics);
         self.split(&view, threshold, &mut statistics)?;
         self.check_failure()?;
@@ -264,9 +285,13 @@ impl Navigator {
         statistics.pages_in_use = self.paging.pool().in_use() as u64;
         let counters = self.paging.pool().counters();
         statistics.set_pool_counters(self.pool_counters, counters);
+        let starved = counters.starved > self.pool_counters.starved;
         self.pool_counters = counters;
+        if self.starves_for_long(stands_still, starved) {
+            statistics.over_budget += 1;
+        }
         self.adjust_threshold(camera, statistics.over_budget > 0);
-        self.is_at_rest = statistics.requests == 0 && self.threshold_factor == statistics.threshold_factor;
+        self.is_at_rest = statistics.requests == 0 && !waits && self.threshold_factor == statistics.threshold_factor;
         statistics.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         statistics.cpu_ms = (thread_cpu_time() - cpu_start).as_secs_f64() * 1e3;
         statistics.error_stated = self.error_in(&view);
@@ -281,7 +306,7 @@ impl Navigator {
             if self.settled() {
                 break;
             }
-            self.paging.board().wait_until_idle(PATIENCE);
+            self.paging.board().wait_until_idle(LONGEST_WAIT);
             statistics = self.frame(camera)?;
         }
         Ok(statistics)
@@ -374,8 +399,9 @@ impl Navigator {
         }
     }
 
-    /// Collects what is to be split and what to be collapsed.
-    fn evaluate(&mut self, view: &View, threshold: f32) {
+    /// Collects what is to be split and what to be collapsed; true if a collapse has to wait for a later frame.
+    fn evaluate(&mut self, view: &View, threshold: f32) -> bool {
+        let mut waits = false;
         let (for_split, for_collapse) = (view.against(threshold), view.against(threshold / HYSTERESIS));
         let mut splits = std::mem::take(&mut self.split_candidates).into_vec();
         let mut collapses = std::mem::take(&mut self.collapse_candidates).into_vec();
@@ -391,7 +417,11 @@ impl Navigator {
                 }
                 State::Collapsible => {
                     if !for_collapse.is_exceeded(sphere) {
-                        collapses.push(collapse_key(self.front.id(node), node));
+                        if self.front.collapse_is_deferred(node, self.patience_clock, PATIENCE) {
+                            waits = true;
+                        } else {
+                            collapses.push(collapse_key(self.front.id(node), node));
+                        }
                     }
                 }
                 State::Free | State::Leaf | State::Split => (),
@@ -399,6 +429,7 @@ impl Navigator {
         }
         self.split_candidates = splits.into();
         self.collapse_candidates = collapses.into();
+        waits
     }
 
     fn collapse(&mut self, view: &View, threshold: f32, statistics: &mut FrameStatistics) {
@@ -411,7 +442,7 @@ impl Navigator {
             }
             let slot = self.front.page_or_slot(node);
             self.front.collapse(node, self.paging.page_number(slot));
-            self.paging.end_use(slot);
+            self.paging.end_use(slot, Hold::End);
             statistics.collapses += 1;
             let parent = self.front.parent(node);
             let follows =
@@ -433,6 +464,7 @@ impl Navigator {
             chain: &mut self.chain,
             dependency: self.options.dependency,
             triangle_limit,
+            now: self.patience_clock,
         };
         while let Some(key) = candidates.pop() {
             let node = key as u32;
@@ -454,7 +486,10 @@ impl Navigator {
             statistics.forced += refinement.forced;
             match refinement.outcome {
                 Outcome::Split => (),
-                Outcome::Missing => statistics.misses += 1,
+                Outcome::Missing => {
+                    statistics.misses += 1;
+                    self.chain_waits = true;
+                }
                 Outcome::Blocked => statistics.blocked += 1,
                 Outcome::PoolFull => statistics.over_budget += 1,
                 Outcome::FrontFull => {
@@ -471,6 +506,20 @@ impl Navigator {
     fn triangle_limit(&self) -> usize {
         let asked = self.options.max_triangles.map(|limit| usize::try_from(limit).unwrap_or(usize::MAX));
         asked.unwrap_or(usize::MAX).min(self.front.triangle_capacity())
+    }
+
+    /// Whether the camera has stood still while, in frame after frame, pages found no room: each of the nodes that want
+    /// some may hold what another one needs. As long as the camera moves, that solves itself.
+    fn starves_for_long(&mut self, stands_still: bool, starved: bool) -> bool {
+        if !stands_still {
+            self.starved_frames = 0;
+        }
+        self.starved_frames += u32::from(starved);
+        let for_long = self.starved_frames >= STARVED_FRAMES;
+        if for_long {
+            self.starved_frames = 0;
+        }
+        for_long
     }
 
     /// Raises the threshold after a frame that hit a limit, and lowers it again while there is room.

@@ -11,7 +11,7 @@ use crate::board::Board;
 use crate::front::{Front, Misfit, NONE};
 use crate::io_process::{Io, IoProcess};
 use crate::navigator::NavigatorError;
-use crate::pool::{Pool, Use};
+use crate::pool::{Hold, Pool, Use};
 
 /// Who carries out the commands on the board.
 #[derive(Debug)]
@@ -94,9 +94,17 @@ impl Paging {
         }
         let mut found = self.pool.use_page(page);
         if found == Use::Missing {
-            self.board.post_urgent(self.location(front, node));
+            let location = self.location(front, node);
+            self.board.post_urgent(location);
             if self.run_inline() {
                 found = self.pool.use_page(page);
+                if found == Use::Missing {
+                    // What else is held is for later; this page is used now.
+                    self.pool.end_all_holds();
+                    self.board.post_urgent(location);
+                    self.run_inline();
+                    found = self.pool.use_page(page);
+                }
             }
         }
         if let Use::Granted { slot } = found {
@@ -113,16 +121,16 @@ impl Paging {
         }
     }
 
-    /// The use begun before has led to nothing.
+    /// The use begun before has led to nothing, as yet.
     pub fn cancel_use(&mut self, slot: u32) {
-        if self.pool.stop_using(slot) {
+        if self.pool.stop_using(slot, Hold::Keep) {
             self.page_of_slot[slot as usize] = NONE;
         }
     }
 
     /// A split of the page in this place holder was undone.
-    pub fn end_use(&mut self, slot: u32) {
-        if self.pool.stop_using(slot) {
+    pub fn end_use(&mut self, slot: u32, hold: Hold) {
+        if self.pool.stop_using(slot, hold) {
             self.page_of_slot[slot as usize] = NONE;
             self.board.post_change(slot);
             self.run_inline();

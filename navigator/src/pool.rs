@@ -2,10 +2,12 @@
 //!
 //! A page in a slot is in the *physical main memory*: the hash table leads to it. Each slot has two counts: the *usage
 //! count*, how many splits of its page are applied, and the *reference count*, how many pages in use have it prefetched
-//! as their parent or child; and it may be *held*, for a node that asked for it urgently and has not used it yet. A slot
-//! with both counts zero and not held is in the *free list*, and is given to the next page that needs one. Its page
-//! stays in the hash table until then: when it is asked for again before, it gets a *second chance*, and is taken out
-//! of the free list without a disk read. Freed slots go to the end of the list, slots to be filled come from its front.
+//! as their parent or child; and for [`HOLD_FRAMES`] frames it may be *held*, for a node that asked for it urgently and
+//! has not used it yet, or had to let go of it because another page is missing. Then it gives way to nobody: else
+//! urgent pages would push each other out for nothing. A slot with both counts zero and not held is in the *free list*,
+//! and is given to the next page that needs one. Its page stays in the hash table until then: when it is asked for
+//! again before, it gets a *second chance*, and is taken out of the free list without a disk read. Freed slots go to
+//! the end of the list, slots to be filled come from its front.
 //!
 //! Only the navigator changes usage counts. A change from or to zero is made under the pool's lock, as is every look at
 //! the hash table, the free list and the other counts; a change of a count that stays above zero needs no lock. No lock
@@ -17,8 +19,8 @@
 //! use, because switching down may bring two more into use (one for each child), so that one remains. Here a page is in
 //! use while one of its *splits* is applied, so:
 //!
-//! - A split brings at most one page into use: its own. It is refused while fewer than [`LEAST_FOR_SPLIT`] = 2 slots are
-//!   not in use, so at least one remains.
+//! - A split brings at most one page into use: its own. It is refused while fewer than [`LEAST_FOR_SPLIT`] = 2 slots
+//!   are not in use, so at least one remains.
 //! - A collapse needs no page that is not there: the split that it undoes is applied, so its page is in use. Switching
 //!   up can always go on, and never has to wait for a disk.
 //! - A page is loaded urgently only while at least [`LEAST_FOR_URGENT`] = 3 slots are not in use: one that it goes to,
@@ -38,6 +40,9 @@ pub const LEAST_FOR_SPLIT: usize = 2;
 /// Slots that must not be in use for a page to be loaded urgently.
 pub const LEAST_FOR_URGENT: usize = 3;
 
+/// How many frames a page that was loaded urgently waits for its use.
+pub const HOLD_FRAMES: u32 = 4;
+
 /// Bytes that a slot takes beside its page: counts, its entry in the hash table (at the worst filling), the navigator's
 /// note of its page, and the board's.
 pub const SLOT_OVERHEAD_BYTES: usize =
@@ -54,19 +59,75 @@ enum Stage {
     Ready,
 }
 
+/// What a slot is at the moment; the first three are in a list each.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// Nobody needs its page: in the free list.
+    Free,
+    /// Its page is only prefetched.
+    Prefetched,
+    /// Its page is held for a node that is to use it.
+    Held,
+    /// Its page is in use.
+    Used,
+    /// Its page is being read.
+    Loading,
+}
+
+/// Number of lists.
+const LISTS: usize = 3;
+
+impl Kind {
+    /// The list that such a slot is in.
+    fn list(self) -> Option<usize> {
+        match self {
+            Kind::Free => Some(0),
+            Kind::Prefetched => Some(1),
+            Kind::Held => Some(2),
+            Kind::Used | Kind::Loading => None,
+        }
+    }
+}
+
+/// First and last slot of a list, and how many there are.
+#[derive(Debug, Clone, Copy)]
+struct List {
+    first: u32,
+    last: u32,
+    length: usize,
+}
+
 #[derive(Debug, Clone, Copy)]
 struct Slot {
-    /// The page in it or on its way, [`NONE`] where it is empty.
+    /// The page in it, last in it, or on its way.
     page: u32,
     stage: Stage,
     references: u32,
-    held: bool,
+    /// The frame in which the page was held for a node that is to use it.
+    held: Option<u32>,
     /// Whether the page in it has been counted in the references of its parent and children.
     refers: bool,
-    is_free: bool,
-    /// Neighbours in the free list.
+    /// What follows from all that.
+    kind: Kind,
+    /// Neighbours in the list.
     before: u32,
     after: u32,
+}
+
+impl Slot {
+    fn kind(&self, usage: u32) -> Kind {
+        if self.stage == Stage::Loading {
+            Kind::Loading
+        } else if usage > 0 {
+            Kind::Used
+        } else if self.held.is_some() {
+            Kind::Held
+        } else if self.references > 0 {
+            Kind::Prefetched
+        } else {
+            Kind::Free
+        }
+    }
 }
 
 /// What happened in a pool, since it was made.
@@ -82,17 +143,19 @@ pub struct PoolCounters {
     pub urgent: u64,
     /// Prefetches given up because there was no free slot.
     pub prefetch_given_up: u64,
+    /// Urgent pages that found no room, because what is not in use is held for others; and pages that could not be
+    /// held.
+    pub starved: u64,
 }
 
 #[derive(Debug)]
 struct State {
     table: HashMap<u32, u32>,
     slots: Vec<Slot>,
-    first_free: u32,
-    last_free: u32,
+    lists: [List; LISTS],
     in_use: usize,
-    /// Where the search for a slot to be flushed goes on.
-    hand: usize,
+    /// Counts the frames.
+    frame: u32,
     counters: PoolCounters,
 }
 
@@ -108,6 +171,17 @@ pub enum Use {
     Missing,
     /// Too many slots are in use.
     Refused,
+}
+
+/// What becomes of the hold on a page that goes out of use.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Hold {
+    /// It ends.
+    End,
+    /// It stays what it was.
+    Keep,
+    /// It begins anew: the page is only let go until another one has come.
+    Renew,
 }
 
 /// What became of a wish to have a page.
@@ -137,53 +211,63 @@ pub struct Pool {
 }
 
 impl State {
+    fn list(&self, kind: Kind) -> List {
+        kind.list().map_or(List { first: NONE, last: NONE, length: 0 }, |list| self.lists[list])
+    }
+
+    /// Takes a slot out of the list that it is in, if any.
     fn unlink(&mut self, slot: u32) {
-        let Slot { before, after, .. } = self.slots[slot as usize];
+        let Slot { kind, before, after, .. } = self.slots[slot as usize];
+        let Some(list) = kind.list() else { return };
         match before {
-            NONE => self.first_free = after,
+            NONE => self.lists[list].first = after,
             before => self.slots[before as usize].after = after,
         }
         match after {
-            NONE => self.last_free = before,
+            NONE => self.lists[list].last = before,
             after => self.slots[after as usize].before = before,
         }
-        self.slots[slot as usize].is_free = false;
+        self.lists[list].length -= 1;
     }
 
+    /// Puts a slot at the end of the list of its kind, if there is one.
     fn append(&mut self, slot: u32) {
-        let before = std::mem::replace(&mut self.last_free, slot);
+        let Some(list) = self.slots[slot as usize].kind.list() else { return };
+        let before = std::mem::replace(&mut self.lists[list].last, slot);
         match before {
-            NONE => self.first_free = slot,
+            NONE => self.lists[list].first = slot,
             before => self.slots[before as usize].after = slot,
         }
+        self.lists[list].length += 1;
         let entry = &mut self.slots[slot as usize];
-        (entry.before, entry.after, entry.is_free) = (before, NONE, true);
+        (entry.before, entry.after) = (before, NONE);
     }
 
-    /// Finds the page, and takes it out of the free list if it is there: the second chance.
+    /// The slot with this page. One in the free list gets its second chance: the caller takes it out of there.
     fn find(&mut self, page: u32) -> Option<u32> {
         let slot = *self.table.get(&page)?;
-        let entry = self.slots[slot as usize];
-        if entry.is_free {
-            self.unlink(slot);
-            self.counters.second_chances += 1;
-        }
+        self.counters.second_chances += u64::from(self.slots[slot as usize].kind == Kind::Free);
         Some(slot)
     }
 
-    /// Takes the slot out of the hash table, and out of the free list, and gives it to `page`.
+    /// Takes the slot out of the hash table, and out of its list, and gives it to `page`.
     fn allocate(&mut self, slot: u32, page: u32) -> Room {
+        self.unlink(slot);
         let previous = self.slots[slot as usize];
-        if previous.is_free {
-            self.unlink(slot);
-        }
         if previous.stage != Stage::Empty {
             self.table.remove(&previous.page);
         }
         self.table.insert(page, slot);
-        let entry = &mut self.slots[slot as usize];
-        (entry.page, entry.stage, entry.references) = (page, Stage::Loading, 0);
-        (entry.held, entry.refers) = (false, false);
+        self.slots[slot as usize] = Slot {
+            page,
+            stage: Stage::Loading,
+            references: 0,
+            held: None,
+            refers: false,
+            kind: Kind::Loading,
+            before: NONE,
+            after: NONE,
+        };
         Room::Slot { slot, refers: previous.refers }
     }
 }
@@ -196,19 +280,18 @@ impl Pool {
             page: NONE,
             stage: Stage::Empty,
             references: 0,
-            held: false,
+            held: None,
             refers: false,
-            is_free: false,
+            kind: Kind::Free,
             before: NONE,
             after: NONE,
         };
         let mut state = State {
             table: HashMap::with_capacity(count),
             slots: vec![empty; count],
-            first_free: NONE,
-            last_free: NONE,
+            lists: [List { first: NONE, last: NONE, length: 0 }; LISTS],
             in_use: 0,
-            hand: 0,
+            frame: 0,
             counters: PoolCounters::default(),
         };
         (0..count as u32).for_each(|slot| state.append(slot));
@@ -217,6 +300,50 @@ impl Pool {
             usage: (0..count).map(|_| AtomicU32::new(0)).collect(),
             state: Mutex::new(state),
             second_chance,
+        }
+    }
+
+    /// Puts a slot into the list that it belongs to after a change; one that is held, or nobody needs any more, to its
+    /// end.
+    fn settle(&self, state: &mut State, slot: u32) {
+        let before = state.slots[slot as usize];
+        let kind = before.kind(self.usage(slot));
+        if kind == before.kind && kind != Kind::Held {
+            return;
+        }
+        if kind == Kind::Free && before.stage == Stage::Ready && !self.second_chance {
+            state.table.remove(&before.page);
+            state.slots[slot as usize].stage = Stage::Empty;
+        }
+        state.unlink(slot);
+        state.slots[slot as usize].kind = kind;
+        state.append(slot);
+    }
+
+    /// A frame begins: what was held long enough is let go. Navigator only.
+    pub fn begin_frame(&self) {
+        let mut state = self.state.lock();
+        state.frame = state.frame.wrapping_add(1);
+        self.end_holds(&mut state, HOLD_FRAMES);
+    }
+
+    /// Lets go of all that is held: for who loads pages one at a time, and uses each at once.
+    pub fn end_all_holds(&self) {
+        let mut state = self.state.lock();
+        state.frame = state.frame.wrapping_add(1);
+        self.end_holds(&mut state, 0);
+    }
+
+    /// Lets go of what has been held for more than so many frames.
+    fn end_holds(&self, state: &mut State, frames: u32) {
+        loop {
+            let slot = state.list(Kind::Held).first;
+            let Some(entry) = state.slots.get_mut(slot as usize) else { return };
+            if entry.held.is_some_and(|since| state.frame.wrapping_sub(since) <= frames) {
+                return;
+            }
+            entry.held = None;
+            self.settle(state, slot);
         }
     }
 
@@ -264,13 +391,17 @@ impl Pool {
             }
             state.find(page);
             state.in_use += 1;
+            self.use_again(slot);
+            self.settle(&mut state, slot);
+        } else {
+            self.use_again(slot);
         }
-        self.use_again(slot);
         Use::Granted { slot }
     }
 
-    /// A split of the page in this slot is not applied any more; true when it was the last. Navigator only.
-    pub fn stop_using(&self, slot: u32) -> bool {
+    /// A split of the page in this slot is not applied any more, or was not after all; true when it was the last.
+    /// Navigator only.
+    pub fn stop_using(&self, slot: u32, hold: Hold) -> bool {
         let usage = &self.usage[slot as usize];
         if usage.load(Ordering::Relaxed) > 1 {
             usage.fetch_sub(1, Ordering::Relaxed);
@@ -279,22 +410,17 @@ impl Pool {
         let mut state = self.state.lock();
         usage.store(0, Ordering::Relaxed);
         state.in_use -= 1;
-        self.flush_if_idle(&mut state, slot);
+        match hold {
+            Hold::End => state.slots[slot as usize].held = None,
+            Hold::Keep => (),
+            // Never so many that none is left for what is missing; where there is room for all pages, they never are.
+            Hold::Renew if state.list(Kind::Held).length + LEAST_FOR_URGENT <= self.pages.len() - state.in_use => {
+                state.slots[slot as usize].held = Some(state.frame);
+            }
+            Hold::Renew => state.counters.starved += 1,
+        }
+        self.settle(&mut state, slot);
         true
-    }
-
-    /// Puts a slot that nobody needs any more at the end of the free list.
-    fn flush_if_idle(&self, state: &mut State, slot: u32) {
-        let entry = state.slots[slot as usize];
-        let idle = entry.references == 0 && !entry.held && self.usage(slot) == 0;
-        if !idle || entry.is_free || entry.stage == Stage::Loading {
-            return;
-        }
-        if !self.second_chance && entry.stage == Stage::Ready {
-            state.table.remove(&entry.page);
-            state.slots[slot as usize].stage = Stage::Empty;
-        }
-        state.append(slot);
     }
 
     /// Makes room for a page that a page in use refers to, and counts the reference.
@@ -302,9 +428,10 @@ impl Pool {
         let mut state = self.state.lock();
         if let Some(slot) = state.find(page) {
             state.slots[slot as usize].references += 1;
+            self.settle(&mut state, slot);
             return Room::Resident;
         }
-        match state.first_free {
+        match state.list(Kind::Free).first {
             NONE => {
                 state.counters.prefetch_given_up += 1;
                 Room::None
@@ -322,6 +449,7 @@ impl Pool {
         let mut state = self.state.lock();
         if let Some(slot) = state.find(page) {
             state.slots[slot as usize].references += 1;
+            self.settle(&mut state, slot);
         }
     }
 
@@ -331,46 +459,33 @@ impl Pool {
         if let Some(slot) = state.table.get(&page).copied() {
             let entry = &mut state.slots[slot as usize];
             entry.references = entry.references.saturating_sub(1);
-            entry.held = false;
-            self.flush_if_idle(&mut state, slot);
+            entry.held = None;
+            self.settle(&mut state, slot);
         }
     }
 
     /// Makes room for a page that is wanted urgently, and holds it: in a free slot, else in the first found whose page
-    /// is prefetched but not in use.
+    /// is prefetched but not in use, which is the one that has been so for the longest time.
     pub fn make_room(&self, page: u32) -> Room {
         let mut state = self.state.lock();
+        let frame = state.frame;
         if let Some(slot) = state.find(page) {
-            state.slots[slot as usize].held = true;
+            state.slots[slot as usize].held = Some(frame);
+            self.settle(&mut state, slot);
             return Room::Resident;
         }
         if self.pages.len() - state.in_use < LEAST_FOR_URGENT {
             return Room::None;
         }
-        let slot = match state.first_free {
-            NONE => match self.spare_slot(&state) {
-                Some(spare) => {
-                    state.hand = spare + 1;
-                    spare as u32
-                }
-                None => return Room::None,
-            },
-            slot => slot,
+        let firsts = [Kind::Free, Kind::Prefetched].map(|kind| state.list(kind).first);
+        let Some(slot) = firsts.into_iter().find(|slot| *slot != NONE) else {
+            state.counters.starved += 1;
+            return Room::None;
         };
         let room = state.allocate(slot, page);
-        state.slots[slot as usize].held = true;
+        state.slots[slot as usize].held = Some(frame);
         state.counters.urgent += 1;
         room
-    }
-
-    /// The first found slot whose page is only prefetched; one that somebody asked for urgently only where all are.
-    fn spare_slot(&self, state: &State) -> Option<usize> {
-        let count = self.pages.len();
-        let is_spare = |slot: &usize| state.slots[*slot].stage == Stage::Ready && self.usage(*slot as u32) == 0;
-        let mut spare = (0..count).map(|step| (state.hand + step) % count).filter(is_spare);
-        let first = spare.next()?;
-        let is_held = |slot: &usize| state.slots[*slot].held;
-        if is_held(&first) { Some(spare.find(|slot| !is_held(slot)).unwrap_or(first)) } else { Some(first) }
     }
 
     /// The page of a slot that was given out to be filled.
@@ -381,61 +496,60 @@ impl Pool {
     /// The page of the slot was read: so many bytes; or could not be read.
     pub fn loaded(&self, slot: u32, bytes: Option<u32>) {
         let mut state = self.state.lock();
+        let entry = &mut state.slots[slot as usize];
         match bytes {
             Some(bytes) => {
+                entry.stage = Stage::Ready;
                 state.counters.reads += 1;
                 state.counters.bytes_read += u64::from(bytes);
-                state.slots[slot as usize].stage = Stage::Ready;
-                self.flush_if_idle(&mut state, slot);
             }
             None => {
-                let page = state.slots[slot as usize].page;
+                (entry.stage, entry.references, entry.held) = (Stage::Empty, 0, None);
+                let page = entry.page;
                 state.table.remove(&page);
-                let entry = &mut state.slots[slot as usize];
-                (entry.stage, entry.references, entry.held) = (Stage::Empty, 0, false);
-                state.append(slot);
             }
         }
+        self.settle(&mut state, slot);
     }
 
     /// Whether the page in the slot is to be counted in the references of its parent and children from now on, or not
     /// any more, where that changes. It is to be while it is in use; `always` counts it even so (the root pages, at the
-    /// start). One that is not in use any more is not held any more either.
+    /// start).
     pub fn update_references(&self, slot: u32, always: bool) -> Option<bool> {
         let mut state = self.state.lock();
         let refers = self.usage(slot) > 0 || always;
         let entry = &mut state.slots[slot as usize];
         let change = (entry.refers != refers).then_some(refers);
         entry.refers = refers;
-        if !refers {
-            entry.held = false;
-            self.flush_if_idle(&mut state, slot);
-        }
         change
     }
 
     /// Checks all that must hold of the pool between two operations (invariant 5); says what does not.
     pub fn check(&self) -> Result<(), String> {
         let state = self.state.lock();
-        let mut listed = vec![false; self.pages.len()];
-        let (mut slot, mut before) = (state.first_free, NONE);
-        while slot != NONE {
-            let entry = state.slots[slot as usize];
-            if std::mem::replace(&mut listed[slot as usize], true) || entry.before != before {
-                return Err(format!("the free list is broken at slot {slot}"));
+        let mut listed = vec![None; self.pages.len()];
+        for kind in [Kind::Free, Kind::Prefetched, Kind::Held] {
+            let List { first, last, length } = state.list(kind);
+            let (mut slot, mut before, mut count) = (first, NONE, 0);
+            while slot != NONE {
+                if listed[slot as usize].replace(kind).is_some() || state.slots[slot as usize].before != before {
+                    return Err(format!("the {kind:?} list is broken at slot {slot}"));
+                }
+                (before, slot, count) = (slot, state.slots[slot as usize].after, count + 1);
             }
-            (before, slot) = (slot, entry.after);
-        }
-        if state.last_free != before {
-            return Err(format!("the free list ends at slot {before}, not {}", state.last_free));
+            if (last, length) != (before, count) {
+                return Err(format!(
+                    "the {kind:?} list has {count} slots and ends at {before}, not {length} and {last}"
+                ));
+            }
         }
         let (mut in_use, mut in_table) = (0, 0);
         for (slot, entry) in state.slots.iter().enumerate() {
             let usage = self.usage(slot as u32);
             in_use += usize::from(usage > 0);
-            let idle = usage == 0 && entry.references == 0 && !entry.held && entry.stage != Stage::Loading;
-            if idle != listed[slot] || idle != entry.is_free {
-                return Err(format!("slot {slot}: {entry:?}, used {usage} times, in the free list: {}", listed[slot]));
+            let kind = entry.kind(usage);
+            if kind != entry.kind || kind.list().map(|_| kind) != listed[slot] {
+                return Err(format!("slot {slot}: {entry:?}, used {usage} times, in the list {:?}", listed[slot]));
             }
             if usage > 0 && entry.stage != Stage::Ready {
                 return Err(format!("slot {slot} is in use, and not ready"));
@@ -543,12 +657,25 @@ mod tests {
         pool.use_again(third);
         assert_eq!(slot_of(&pages[2]), third);
         pool.check().unwrap();
-        assert!(!pool.stop_using(third) && !pool.stop_using(third) && pool.stop_using(third));
-        assert!(pool.stop_using(first) && pool.stop_using(second));
+        assert!(
+            !pool.stop_using(third, Hold::End)
+                && !pool.stop_using(third, Hold::End)
+                && pool.stop_using(third, Hold::End)
+        );
+        assert!(pool.stop_using(first, Hold::End) && pool.stop_using(second, Hold::End));
         assert_eq!(pool.in_use(), 0);
-        // It was held for who asked for it; used and let go, it is free.
-        assert_eq!(pool.update_references(second, false), None);
+        // Three are prefetched, one is free.
         assert_eq!(pool.make_room(pages[1].number), Room::Slot { slot: second, refers: false });
+        pool.loaded(second, None);
+        // A page that nobody comes to use is let go after a while.
+        let held = fill(&pool, &model, pages[4], pool.make_room(pages[4].number)).unwrap();
+        for _ in 0..HOLD_FRAMES {
+            pool.begin_frame();
+            assert_eq!(pool.reference(pages[1].number), Room::None);
+        }
+        pool.begin_frame();
+        pool.check().unwrap();
+        assert_eq!(pool.reference(pages[1].number), Room::Slot { slot: held, refers: false });
     }
 
     #[test]

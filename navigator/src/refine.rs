@@ -2,22 +2,33 @@
 //! paper, 3.3.5), to a fixpoint.
 //!
 //! The nodes to be split form a stack: on top of a node the neighbour that blocks it, or a child that has to follow its
-//! parent's split at once. Ids rise along a chain of blocking neighbours, so it ends. It is all or nothing: where a page
-//! is missing or a limit is reached, what was split for the wish is undone, the last one first, and the front is as it
-//! was. Else the next frame would undo it, the one after it begin again, and the picture would never come to rest.
+//! parent's split at once. Ids rise along a chain of blocking neighbours, so it ends.
+//!
+//! Nobody but the node at the bottom wished those splits. So if that one cannot be split in the end, the next frame
+//! would undo them all, the one after it begin again, and the picture would never come to rest. Hence:
+//! - Where a limit is reached, what was split for the wish is undone at once, the last one first, and the front is as
+//!   it was.
+//! - Where a page is missing, what was split stays, and with it the pages for it; the nodes are not to be collapsed for
+//!   [`PATIENCE`] frames, in which the page can come.
+//! - Where the page is missing for a child that has to follow, it cannot stay, and is undone too; but its pages are
+//!   held.
 
 use crate::dependency::{self, Dependency};
 use crate::front::{Front, Misfit};
 use crate::navigator::NavigatorError;
 use crate::paging::Paging;
-use crate::pool::Use;
+use crate::pool::{Hold, Use};
 
-/// Most nodes of a chain. Of a longer one the end is worked off first, and then it is begun again.
+/// Most nodes of a chain of neighbours. Of a longer one the end is worked off first, and then it is begun again.
 const CHAIN_LIMIT: usize = if cfg!(test) { 12 } else { 1024 };
+/// Most nodes on the stack, with the children that have to follow. If they are more, the wish is given up.
+const STACK_LIMIT: usize = 2048;
 /// Most splits that can be undone. Those before stay, unless a child still has to follow; then the wish is given up.
-const LOG_LIMIT: usize = if cfg!(test) { 100 } else { 1024 };
+const LOG_LIMIT: usize = 8192;
+/// How many frames what was split for a node waits for a page that is missing.
+pub const PATIENCE: u16 = 4;
 /// Bytes that the chain takes.
-pub const CHAIN_BYTES: usize = (CHAIN_LIMIT + 2) * size_of::<Link>() + LOG_LIMIT * size_of::<u32>();
+pub const CHAIN_BYTES: usize = (STACK_LIMIT + 2) * size_of::<Link>() + LOG_LIMIT * size_of::<u32>();
 
 /// What became of a wish to split a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,7 +50,7 @@ pub enum Outcome {
 pub struct Refinement {
     /// What became of the wish.
     pub outcome: Outcome,
-    /// Splits applied. Where the wish could not be fulfilled, those that a chain too long left behind.
+    /// Splits applied and not undone.
     pub splits: u64,
     /// Those of them that the wish needed, but nobody wished.
     pub forced: u64,
@@ -63,7 +74,7 @@ impl Chain {
     /// An empty chain. Its memory is allocated here, once.
     pub fn new() -> Self {
         // The children of a node at the limit go beyond it.
-        Chain { stack: Vec::with_capacity(CHAIN_LIMIT + 2), log: Vec::with_capacity(LOG_LIMIT) }
+        Chain { stack: Vec::with_capacity(STACK_LIMIT + 2), log: Vec::with_capacity(LOG_LIMIT) }
     }
 }
 
@@ -80,6 +91,8 @@ pub struct Refiner<'a> {
     pub dependency: Dependency,
     /// Most active triangles.
     pub triangle_limit: usize,
+    /// The clock by which collapses are deferred, in frames, modulo 65536.
+    pub now: u16,
 }
 
 /// What became of the topmost node of the stack.
@@ -133,12 +146,19 @@ impl Refiner<'_> {
                     self.chain.stack.push(Link { node: neighbour, follows: false });
                 }
                 Ok(Step::Impossible(outcome)) => {
-                    self.undo(wish, &mut done);
+                    if outcome != Outcome::Missing {
+                        self.undo(wish, &mut done, Hold::Keep);
+                    } else if self.chain.stack.iter().any(|link| link.follows) {
+                        self.undo(wish, &mut done, Hold::Renew);
+                    } else {
+                        let until = self.now.wrapping_add(PATIENCE);
+                        self.chain.log.iter().for_each(|node| self.front.defer_collapse(*node, until));
+                    }
                     done.outcome = outcome;
                     return Ok(done);
                 }
                 Err(error) => {
-                    self.undo(wish, &mut done);
+                    self.undo(wish, &mut done, Hold::Keep);
                     return Err(error);
                 }
             }
@@ -154,7 +174,7 @@ impl Refiner<'_> {
             }
             log.clear();
         }
-        stack.len() >= CHAIN_LIMIT && stack.iter().all(|link| link.follows)
+        stack.len() >= STACK_LIMIT
     }
 
     /// Applies the split of a node, if nothing is in its way.
@@ -219,11 +239,11 @@ impl Refiner<'_> {
     }
 
     /// Undoes the splits in the log.
-    fn undo(&mut self, wish: u32, done: &mut Refinement) {
+    fn undo(&mut self, wish: u32, done: &mut Refinement, hold: Hold) {
         while let Some(node) = self.chain.log.pop() {
             let slot = self.front.page_or_slot(node);
             self.front.collapse(node, self.paging.page_number(slot));
-            self.paging.end_use(slot);
+            self.paging.end_use(slot, hold);
             done.splits -= 1;
             done.forced -= u64::from(node != wish);
         }

@@ -1,10 +1,10 @@
 //! The view parameters of a frame (the paper, 3.3.1): how large the error of a node is on the screen.
 //!
 //! The error of a node in pixels is `switch * height / (2 tan(fov / 2)) / distance`, where the distance is that from
-//! the eye to the node's bounding sphere; it counts as no less than a ten-thousandth of the model's diagonal, nearer than
-//! any near plane, so that with the eye inside the sphere the error is large but finite. A sixteenth of that counts
-//! where the sphere is outside the view frustum, or where every normal in the node's cone points away from the eye
-//! from every point in the sphere.
+//! the eye to the node's bounding sphere; it counts as no less than a ten-thousandth of the model's diagonal, nearer
+//! than any near plane, so that with the eye inside the sphere the error is large but finite. A sixteenth of that
+//! counts where the sphere is outside the view frustum, or where every normal in the node's cone points away from the
+//! eye from every point in the sphere.
 //!
 //! Everything is measured in a unit in which the model is about one wide, a power of two of the mesh's: so squares of
 //! lengths stay within single precision whatever the unit of the mesh, and nothing else changes.

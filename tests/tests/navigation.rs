@@ -6,7 +6,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a panic is how a test fails")]
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -436,6 +436,10 @@ impl Disk for SlowDisk {
 
     fn remove(&self, path: &Path) -> Result<(), StorageError> {
         self.disk.remove(path)
+    }
+
+    fn list(&self, folder: &Path) -> Result<Vec<PathBuf>, StorageError> {
+        self.disk.list(folder)
     }
 
     fn exists(&self, path: &Path) -> bool {

@@ -968,6 +968,10 @@ mod tests {
             self.document.remove(path)
         }
 
+        fn list(&self, folder: &Path) -> Result<Vec<std::path::PathBuf>, storage::StorageError> {
+            self.document.list(folder)
+        }
+
         fn exists(&self, path: &Path) -> bool {
             self.document.exists(path)
         }
