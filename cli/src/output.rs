@@ -80,8 +80,8 @@ pub fn may_write(disk: &dyn Disk, path: &Path, force: bool, inputs: &[&Path]) ->
     {
         bail!("{}: there is no directory {}", path.display(), folder.display());
     }
-    if inputs.iter().any(|input| is_same_file(input, path)) {
-        bail!("{}: this file is to be read, and the output would replace it; name another", path.display());
+    if let Some(input) = inputs.iter().find(|input| is_same_file(input, path)) {
+        bail!("{}: the output would replace {}, which is to be read; name another", path.display(), input.display());
     }
     Ok(())
 }
