@@ -29,7 +29,7 @@ impl Report {
         }
         let width = self.lines.iter().map(|(label, _)| label.len()).max().unwrap_or(0);
         for (label, text) in &self.lines {
-            writeln!(out, "{label:width$}  {text}")?;
+            writeln!(out, "{}", format!("{label:width$}  {text}").trim_end())?;
         }
         Ok(())
     }
