@@ -474,39 +474,4 @@ mod tests {
         assert!(broken(&|tree| tree.triangles.corners[0][0] = 900).contains("corner 900"));
         assert!(broken(&|tree| tree.triangles.offsets[root.start as usize] += 1).contains("triangle"));
     }
-
-    /// Run with `cargo test --release -p vdt-metanode -- --ignored --nocapture a_million`.
-    #[test]
-    #[ignore = "prints speeds"]
-    fn a_million_leaves() {
-        for shape in [Shape::Random, Shape::Neighbours] {
-            let plan =
-                TreePlan { seed: 5, leaves: 1_000_000, components: 3, triangles: 2_400_000, shape, hub: 0, reach: 60 };
-            let tree = random_tree(&plan);
-            for blocking in ["forest:32K,8", "forest:32K,32", "forest:4K,8", "forest:256K,8", "levels:5", "levels:10"] {
-                let blocking: Blocking = blocking.parse().unwrap();
-                let start = std::time::Instant::now();
-                let blocks = blocking::block(&tree, blocking).unwrap();
-                let blocked = start.elapsed();
-                let start = std::time::Instant::now();
-                let (bytes, summary) = model_bytes(&tree, blocking);
-                let written = start.elapsed();
-                let model = open_bytes(bytes).unwrap();
-                let start = std::time::Instant::now();
-                crate::verify(&model, &mut |_| ()).unwrap();
-                let verified = start.elapsed();
-                let start = std::time::Instant::now();
-                let cut = crate::UniformCut::new(&model, 0.0).unwrap();
-                cut.for_each_vertex(|_| Ok::<_, crate::header::ModelError>(())).unwrap();
-                cut.for_each_triangle(|_| Ok::<_, crate::header::ModelError>(())).unwrap();
-                let cut = start.elapsed();
-                let roots: u32 = blocks.pages.iter().map(|page| page.root_count).sum();
-                let mean_roots = f64::from(roots) / f64::from(summary.pages);
-                println!(
-                    "{shape:?} {blocking}: blocked in {blocked:.2?}, blocked and written in {written:.2?}, verified in {verified:.2?}, \
-                     whole cut in {cut:.2?}, {mean_roots:.1} roots a page, {summary:?}"
-                );
-            }
-        }
-    }
 }
