@@ -28,7 +28,7 @@
 //! later version replaces [`Page::decode`] and [`encoded`] and leaves the decoded form as it is.
 
 use thiserror::Error;
-use vdt::tree::NormalCone;
+pub use vdt::tree::NormalCone;
 
 /// Words of the page header.
 pub const HEADER_WORDS: usize = 10;

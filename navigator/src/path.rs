@@ -9,9 +9,9 @@ use std::str::FromStr;
 use glam::DVec3;
 use metanode::header::ModelError;
 use metanode::model::Model;
+use metanode::page::NormalCone;
 use storage::{Disk, SequentialReader, StorageError};
 use thiserror::Error;
-use vdt::tree::NormalCone;
 
 use crate::camera::{Camera, CameraError};
 

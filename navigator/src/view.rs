@@ -15,7 +15,7 @@
 
 use glam::{DVec3, Vec3};
 use metanode::header::Header;
-use vdt::tree::NormalCone;
+use metanode::page::NormalCone;
 
 use crate::camera::{Camera, CameraError};
 
