@@ -345,6 +345,15 @@ pub enum IoName {
     Sync,
 }
 
+/// What becomes of pages that nobody needs at the moment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PolicyName {
+    /// The paper's: as long as its place holder is not needed, such a page is found again without a disk read.
+    SecondChance,
+    /// It is forgotten.
+    None,
+}
+
 /// `vdt navigate`
 #[derive(Debug, Args)]
 #[command(after_long_help = "Examples:\n  vdt navigate bunny.vdt --path flyby:200\n  \
@@ -384,6 +393,9 @@ pub struct NavigateOptions {
     /// Do not load parents and children of the meta-nodes in use ahead of time.
     #[arg(long)]
     pub no_prefetch: bool,
+    /// What becomes of meta-nodes in RAM that nobody needs at the moment.
+    #[arg(long, value_enum, default_value_t = PolicyName::SecondChance)]
+    pub policy: PolicyName,
     /// Write the figures of every frame to this file.
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,

@@ -1,6 +1,5 @@
 //! `vdt navigate`: a flight along a camera path, within a RAM budget, and what every frame of it did.
 
-use std::fmt::Write;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -8,10 +7,10 @@ use anyhow::Result;
 use metanode::model::Model;
 use navigator::{Dependency, FlightSummary, FrameStatistics, Io, Navigator, NavigatorOptions, PathSpec};
 use serde_json::{Value, json};
-use storage::{ByteSize, Disk, LocalDisk};
+use storage::{AtomicFile, ByteSize, Disk, LocalDisk};
 
-use crate::arguments::{self, DependencyName, IoName};
-use crate::output::{Report, grouped, length, may_write, write_text};
+use crate::arguments::{self, DependencyName, IoName, PolicyName};
+use crate::output::{Report, grouped, length, may_write};
 use crate::progress::Progress;
 
 /// The first line of the CSV file: the fields of [`FrameStatistics`].
@@ -44,7 +43,7 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
             IoName::Sync => Io::Sync,
         },
         prefetch: !options.no_prefetch,
-        ..NavigatorOptions::default()
+        second_chance: options.policy == PolicyName::SecondChance,
     };
     let mut navigator = Navigator::open(model.clone(), navigator_options)?;
     let place_holders = navigator.place_holders();
@@ -52,7 +51,10 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
     let progress = Progress::new("flying");
     let pace = (options.frame_rate > 0.0 && options.io == IoName::Thread).then(|| 1.0 / options.frame_rate);
     let mut summary = FlightSummary::default();
-    let mut csv = options.csv.is_some().then(|| String::from(CSV_HEADER));
+    let mut csv = options.csv.as_deref().map(|path| AtomicFile::create(disk.clone(), path)).transpose()?;
+    if let Some(csv) = &mut csv {
+        csv.append(CSV_HEADER.as_bytes())?;
+    }
     let start = Instant::now();
     for (number, camera) in cameras.iter().enumerate() {
         if let Some(seconds) = pace {
@@ -62,22 +64,22 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
         let frame = navigator.frame(camera)?;
         summary.add(&frame);
         if let Some(csv) = &mut csv {
-            csv_line(csv, &frame)?;
+            csv.append(csv_line(&frame).as_bytes())?;
         }
         progress.show((number + 1) as f64 / cameras.len() as f64);
     }
     drop(progress);
     let budget_bytes = navigator.budget_bytes();
     drop(navigator);
-    if let (Some(path), Some(csv)) = (&options.csv, &csv) {
-        write_text(disk, path, csv)?;
+    if let Some(csv) = csv {
+        csv.commit()?;
     }
     let peak = storage::usage::peak_resident_bytes();
     report(&options, &summary, &model, place_holders, peak)
         .print(json, &to_json(&options, &summary, budget_bytes, place_holders, peak))
 }
 
-fn csv_line(csv: &mut String, frame: &FrameStatistics) -> Result<()> {
+fn csv_line(frame: &FrameStatistics) -> String {
     let FrameStatistics {
         frame,
         triangles,
@@ -100,13 +102,11 @@ fn csv_line(csv: &mut String, frame: &FrameStatistics) -> Result<()> {
         urgent,
         prefetch_given_up,
     } = frame;
-    writeln!(
-        csv,
+    format!(
         "{frame},{triangles},{vertices},{splits},{collapses},{requests},{misses},{blocked},{forced},{over_budget},\
          {threshold_factor},{error_stated},{pages_in_use},{reads},{bytes_read},{second_chances},{urgent},\
-         {prefetch_given_up},{frame_ms:.3},{cpu_ms:.3}"
-    )?;
-    Ok(())
+         {prefetch_given_up},{frame_ms:.3},{cpu_ms:.3}\n"
+    )
 }
 
 fn report(

@@ -18,8 +18,7 @@
 //! Memory: 64 bytes for each node, of which a front with n active nodes has about 2 n; 36 for each triangle.
 
 use metanode::header::ModelRoot;
-use metanode::page::NormalCone;
-use metanode::page::{ChildEntry, Page, Record, Target};
+use metanode::page::{ChildEntry, NormalCone, Page, Record, Target};
 use thiserror::Error;
 
 use crate::view::Sphere;

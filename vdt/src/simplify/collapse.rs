@@ -16,7 +16,7 @@ use crate::ingest::CoreMesh;
 
 use super::History;
 use super::end_phase::Parts;
-use super::legality::Rings;
+use super::legality::{Rings, Verdict};
 use super::live_mesh::LiveMesh;
 use super::metric::CollapseMetric;
 
@@ -51,7 +51,8 @@ pub(super) struct Candidate {
 const DEARER: u32 = 1 << 31;
 
 impl Candidate {
-    fn vertices(&self) -> (u32, u32) {
+    /// Its two ends, the smaller one first.
+    pub fn vertices(&self) -> (u32, u32) {
         (self.low, self.high & !DEARER)
     }
 
@@ -202,11 +203,6 @@ impl<M: CollapseMetric> Engine<M> {
         self.candidate(directions).dearer(directions.dearer.0)
     }
 
-    /// The two ends of a candidate.
-    pub fn ends(&self, candidate: &Candidate) -> (u32, u32) {
-        candidate.vertices()
-    }
-
     /// The turn of a candidate has come.
     pub fn attempt(&mut self, candidate: Candidate) -> Outcome {
         let (low, high) = candidate.vertices();
@@ -218,13 +214,16 @@ impl<M: CollapseMetric> Engine<M> {
         if key > candidate.key {
             return Outcome::Grown(Candidate { key, ..candidate });
         }
-        match self.rules {
-            Rules::Strict if self.rings.allow(&self.mesh, gone, stays) => {}
-            Rules::Strict if self.mesh.edge_use(gone, stays).is_unused() => return Outcome::Gone,
-            Rules::Strict if candidate.is_dearer() => return Outcome::Illegal,
-            Rules::Strict => return Outcome::OtherWay(candidate.dearer(candidate.key.max(directions.dearer.0))),
-            Rules::Relaxed if self.mesh.edge_use(gone, stays).is_unused() => return Outcome::Gone,
-            Rules::Relaxed => {}
+        let verdict = match self.rules {
+            Rules::Strict => self.rings.judge(&self.mesh, gone, stays),
+            Rules::Relaxed if self.mesh.edge_use(gone, stays).is_unused() => Verdict::NoEdge,
+            Rules::Relaxed => Verdict::Legal,
+        };
+        match verdict {
+            Verdict::Legal => {}
+            Verdict::NoEdge => return Outcome::Gone,
+            Verdict::Illegal if candidate.is_dearer() => return Outcome::Illegal,
+            Verdict::Illegal => return Outcome::OtherWay(candidate.dearer(candidate.key.max(directions.dearer.0))),
         }
         self.collapse(gone, stays);
         Outcome::Collapsed { stays }

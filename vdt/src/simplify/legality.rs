@@ -25,6 +25,17 @@ const NEEDLE: f64 = 1e-10;
 /// Rings with a product of sizes up to this are compared one by one; larger ones are sorted first.
 const SMALL_RINGS: usize = 1024;
 
+/// What the tests say of a half-edge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Verdict {
+    /// It may be collapsed.
+    Legal,
+    /// It may not.
+    Illegal,
+    /// There is no such edge.
+    NoEdge,
+}
+
 /// Buffers for the rings of the two ends, kept from call to call.
 #[derive(Debug, Default)]
 pub(super) struct Rings {
@@ -36,8 +47,8 @@ pub(super) struct Rings {
 }
 
 impl Rings {
-    /// Whether `gone` may be collapsed onto `stays`. False too where they share no triangle.
-    pub fn allow(&mut self, mesh: &LiveMesh, gone: u32, stays: u32) -> bool {
+    /// Whether `gone` may be collapsed onto `stays`.
+    pub fn judge(&mut self, mesh: &LiveMesh, gone: u32, stays: u32) -> Verdict {
         fill(&mut self.gone, mesh, gone);
         self.apexes.clear();
         let mut edge = EdgeUse::default();
@@ -50,13 +61,17 @@ impl Rings {
                 self.apexes.push(*next);
             }
         }
-        if edge.is_unused() || (mesh.vertices[gone as usize].is_special() && edge.is_regular()) {
-            return false;
+        if edge.is_unused() {
+            return Verdict::NoEdge;
+        }
+        if mesh.vertices[gone as usize].is_special() && edge.is_regular() {
+            return Verdict::Illegal;
         }
         fill(&mut self.stays, mesh, stays);
-        self.link_condition(gone, stays)
+        let legal = self.link_condition(gone, stays)
             && self.no_special_triangle(mesh, gone, stays)
-            && self.no_fold_over(mesh, gone, stays)
+            && self.no_fold_over(mesh, gone, stays);
+        if legal { Verdict::Legal } else { Verdict::Illegal }
     }
 
     fn link_condition(&mut self, gone: u32, stays: u32) -> bool {

@@ -29,7 +29,7 @@ pub(super) fn run<M: CollapseMetric>(engine: &mut Engine<M>, progress: &mut dyn 
     let mut rejected_at = vec![0_u32; engine.mesh.vertices.len()];
     let mut ring = Vec::new();
     while let Some(Reverse(candidate)) = heap.pop() {
-        let (low, high) = engine.ends(&candidate);
+        let (low, high) = candidate.vertices();
         match engine.attempt(candidate) {
             Outcome::Gone => {}
             Outcome::Grown(again) | Outcome::OtherWay(again) => heap.push(Reverse(again)),
