@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result};
 use metanode::header::{Blocking, Metric, Strategy};
-use metanode::{ModelOptions, write_model};
-use storage::{ByteSize, LocalDisk};
+use metanode::{ModelOptions, WriteResources, write_model};
+use storage::{ByteSize, EdgeTreeKind, LocalDisk};
 use vdt::build::{BuildOptions, build};
 
 fn main() -> Result<()> {
@@ -16,13 +16,21 @@ fn main() -> Result<()> {
     let mesh = arguments.next().context("which mesh?")?;
     let model = arguments.next().context("which model?")?;
 
-    let options = BuildOptions { memory: ByteSize(256 << 20), metric: Metric::Quadric, strategy: Strategy::Passes };
-    let (tree, report) = build(&LocalDisk, &[mesh], &options, &mut |phase, share| {
-        eprint!("\r{phase:?} {:.0} %   ", 100.0 * share);
-    })?;
+    let options = BuildOptions {
+        memory: ByteSize(256 << 20),
+        threads: 1,
+        metric: Metric::Quadric,
+        strategy: Strategy::Passes,
+        edge_tree: EdgeTreeKind::default(),
+    };
+    let (tree, report) =
+        build(&LocalDisk, &[mesh], &options, &storage::Scratch::in_memory(), None, &mut |phase, share| {
+            eprint!("\r{phase:?} {:.0} %   ", 100.0 * share);
+        })?;
 
     let options = ModelOptions { blocking: Blocking::default(), metric: options.metric, strategy: options.strategy };
-    let summary = write_model(Arc::new(LocalDisk), &model, &tree, &options)?;
+    let resources = WriteResources::in_memory();
+    let summary = write_model(Arc::new(LocalDisk), &model, &tree, &options, &resources, &mut |_| ())?;
     println!("\n{} collapses, {} meta-nodes, {} bytes", report.legal_collapses, summary.pages, summary.bytes);
     Ok(())
 }

@@ -11,7 +11,7 @@ use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use metanode::blocking::{ParseBlockingError, check_parameters};
 use metanode::header::{Blocking, Metric, Strategy};
 use navigator::PathSpec;
-use storage::ByteSize;
+use storage::{ByteSize, EdgeTreeKind};
 use vdt::generate::{Shape, TRIANGLES};
 
 /// View-dependent models of triangle meshes: build one, check it, take levels of detail out of it, and fly through it
@@ -110,9 +110,15 @@ pub struct BuildOptions {
     /// Where to write the model.
     #[arg(short, long, value_name = "MODEL.vdt", required_unless_present = "dry_run")]
     pub output: Option<PathBuf>,
-    /// RAM for what grows with the mesh. A mesh that needs more is refused, with the number that it needs.
+    /// RAM for what grows with the mesh; what does not fit goes to the scratch. The model does not depend on it.
     #[arg(long, default_value = "256M")]
     pub memory: ByteSize,
+    /// How many threads may work. The model does not depend on it. [default: as many as the machine runs at once]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub threads: Option<u16>,
+    /// Folder for temporary files. [default: beside the model]
+    #[arg(long, value_name = "DIR")]
+    pub scratch: Option<PathBuf>,
     /// What a collapse costs: quadric, the distance to the planes of the surface, or length, that of the edge.
     #[arg(long, default_value_t = Metric::Quadric, value_parser = one_of(&Metric::ALL))]
     pub metric: Metric,
@@ -120,6 +126,9 @@ pub struct BuildOptions {
     /// the paper's, always the shortest edge.
     #[arg(long, default_value_t = Strategy::Passes, value_parser = one_of(&Strategy::ALL))]
     pub strategy: Strategy,
+    /// The B-tree of edges on disk for btree: redb, or sled where the memory is what sled was measured to need.
+    #[arg(long, default_value_t, value_parser = one_of(&EdgeTreeKind::ALL))]
+    pub edge_tree: EdgeTreeKind,
     /// How the tree is cut into meta-nodes: forest:SLOT,CHILDREN fills slots of SLOT bytes, each with at most CHILDREN
     /// child meta-nodes; levels:L gives each meta-node L levels of one binary tree, as the paper does.
     #[arg(long, default_value_t, value_parser = blocking)]

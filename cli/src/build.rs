@@ -1,23 +1,34 @@
 //! `vdt build`: from mesh files to a model.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Instant, UNIX_EPOCH};
 
-use anyhow::Result;
-use metanode::{ModelOptions, ModelSummary, write_model};
+use anyhow::{Context, Result, bail};
+use metanode::header::Strategy;
+use metanode::{ModelOptions, ModelSummary, WriteResources, write_model};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
-use storage::{ByteSize, CountingDisk, Disk, LocalDisk};
-use vdt::build::{BuildOptions, BuildReport, Phase, build, needs};
+use storage::{ByteSize, CountingDisk, Disk, LocalDisk, Scratch};
+use vdt::build::{BuildOptions, BuildReport, Estimate, Phase, PhaseWatch, build, estimate};
 use vdt::ingest::{self, CleaningCounts};
 
 use crate::arguments;
 use crate::output::{Report, counted, grouped, may_write};
 use crate::progress::Progress;
 
+/// Bytes of a model for each vertex, as long as pages are not compressed: 24 for the record, 20 for the entry, 24 for the
+/// triangles, with what is left empty of pages.
+const MODEL_BYTES_PER_VERTEX: u64 = 68;
+
 pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
-    let build_options = BuildOptions { memory: options.memory, metric: options.metric, strategy: options.strategy };
+    let build_options = BuildOptions {
+        memory: options.memory,
+        threads: options.threads.map_or_else(available_threads, usize::from),
+        metric: options.metric,
+        strategy: options.strategy,
+        edge_tree: options.edge_tree,
+    };
     let Some(output) = options.output.as_deref().filter(|_| !options.dry_run) else {
         return dry_run(&options, &build_options, json);
     };
@@ -26,33 +37,47 @@ pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
 
     let start = Instant::now();
     let disk = CountingDisk::new(Arc::new(LocalDisk));
-    let progress = Progress::new("reading");
-    let (tree, report) = build(&disk, &options.meshes, &build_options, &mut |phase, share| {
-        progress.phase(match phase {
-            Phase::Reading => "reading",
-            Phase::Simplifying => "simplifying",
-            Phase::Finishing => "finishing",
-        });
-        progress.show(share);
+    let folder = scratch_folder(options.scratch.as_deref(), output)?;
+    let fingerprint = fingerprint(&options, &build_options)?;
+    let (scratch, resumed) = Scratch::open(Arc::new(disk.clone()), &folder, &fingerprint)?;
+    let is_resumed = resumed.is_some();
+    let progress = BuildProgress::new();
+    let (tree, report) = build(&disk, &options.meshes, &build_options, &scratch, resumed, &mut |phase, share| {
+        progress.show(phase, share);
     })?;
-    progress.phase("writing");
+    let watch = PhaseWatch::start();
     let model_options = ModelOptions { blocking: options.blocking, metric: options.metric, strategy: options.strategy };
-    let model = write_model(Arc::new(disk.clone()), output, &tree, &model_options)?;
+    progress.show(Phase::Writing, 0.0);
+    let (vertices, triangles, roots) = (tree.leaf_count(), tree.triangles.len(), tree.roots.len() as u64);
+    let resources = WriteResources { scratch: scratch.clone(), memory: options.memory };
+    let model = write_model(Arc::new(disk.clone()), output, &tree, &model_options, &resources, &mut |share| {
+        progress.show(Phase::Writing, share);
+    })?;
+    drop(resources);
+    drop(tree);
+    scratch.discard_checkpoint()?;
+    let mut report = report;
+    report.phases.push(watch.cost(Phase::Writing));
+    let scratch_peak_bytes = scratch.peak_bytes_on_disk();
+    drop(scratch);
     let (bytes_read, bytes_written) = (disk.bytes_read(), disk.bytes_written());
     let seconds = start.elapsed().as_secs_f64();
+    let cpu_seconds = storage::usage::cpu_time().as_secs_f64();
     // Another look at every byte of the model: only for those who get to see it.
     let digest = if json { Some(sha256(&disk, output)?) } else { None };
     drop(progress);
 
     let done = Done {
-        vertices: tree.leaf_count() as u64,
-        triangles: tree.triangles.corners.len() as u64,
-        roots: tree.roots.len() as u64,
-        largest_switch: tree.roots.iter().map(|root| tree.splits[root.split as usize].switch).fold(0.0, f32::max),
+        vertices,
+        triangles,
+        roots,
+        options: build_options,
+        is_resumed,
+        scratch_peak_bytes,
         report,
         model,
         seconds,
-        cpu_seconds: storage::usage::cpu_time().as_secs_f64(),
+        cpu_seconds,
         bytes_read,
         bytes_written,
         digest,
@@ -65,7 +90,9 @@ struct Done {
     vertices: u64,
     triangles: u64,
     roots: u64,
-    largest_switch: f32,
+    options: BuildOptions,
+    is_resumed: bool,
+    scratch_peak_bytes: u64,
     report: BuildReport,
     model: ModelSummary,
     seconds: f64,
@@ -79,7 +106,8 @@ impl Done {
     fn print(&self, output: &Path, memory: ByteSize, json: bool) -> Result<()> {
         let Done { report: build, model, .. } = self;
         let collapses = build.legal_collapses + build.end_phase_collapses;
-        let rate = collapses as f64 / build.simplify_cpu_seconds.max(1e-9);
+        let simplifying = build.phases.iter().find(|cost| cost.phase == Phase::Simplifying);
+        let rate = simplifying.map(|cost| collapses as f64 / cost.cpu_seconds.max(1e-9));
         let peak = storage::usage::peak_resident_bytes();
         let mut report = Report::default();
         report.line("model", output.display());
@@ -98,11 +126,11 @@ impl Done {
         report.line(
             "collapses",
             format!(
-                "{} in {}, {} of them in the end phase; {} per CPU-second",
+                "{} in {}, {} of them in the end phase{}",
                 grouped(collapses),
                 counted(build.rounds.into(), "round", "rounds"),
                 grouped(build.end_phase_collapses),
-                grouped(rate as u64),
+                rate.map_or(String::new(), |rate| format!("; {} per CPU-second", grouped(rate as u64))),
             ),
         );
         report.line(
@@ -116,9 +144,17 @@ impl Done {
             ),
         );
         report.line("size", self.size());
+        if self.is_resumed {
+            report.line("resumed", "an earlier run was interrupted; what it had finished was taken over");
+        }
+        let phases = build.phases.iter().map(|cost| format!("{} {:.1} s", name_of(cost.phase), cost.seconds));
         report.line("time", format!("{:.2} s ({:.2} s of CPU)", self.seconds, self.cpu_seconds));
+        report.line("", phases.collect::<Vec<_>>().join(", "));
         if let Some(peak) = peak {
             report.line("peak RAM", format!("{} of {} allowed", ByteSize(peak), memory));
+        }
+        if self.scratch_peak_bytes > 0 {
+            report.line("scratch", format!("{} of disk at its peak", ByteSize(self.scratch_peak_bytes)));
         }
         report.print(json, &self.to_json(peak, rate))
     }
@@ -131,8 +167,23 @@ impl Done {
         }
     }
 
-    fn to_json(&self, peak: Option<u64>, rate: f64) -> Value {
-        let Done { report: build, model, .. } = self;
+    fn to_json(&self, peak: Option<u64>, rate: Option<f64>) -> Value {
+        let Done { report: build, model, options, .. } = self;
+        let simplifying = build.phases.iter().find(|cost| cost.phase == Phase::Simplifying);
+        let phases: Vec<Value> = build
+            .phases
+            .iter()
+            .map(|cost| {
+                json!({
+                    "name": name_of(cost.phase),
+                    "seconds": cost.seconds,
+                    "cpu_seconds": cost.cpu_seconds,
+                    "bytes_read": cost.bytes_read,
+                    "bytes_written": cost.bytes_written,
+                })
+            })
+            .collect();
+        let io = storage::usage::bytes_read_and_written();
         json!({
             "vertices": self.vertices,
             "triangles": self.triangles,
@@ -142,11 +193,35 @@ impl Done {
             "warnings": warnings_json(&build.cleaning),
             "seconds": self.seconds,
             "cpu_seconds": self.cpu_seconds,
-            "simplify_cpu_seconds": build.simplify_cpu_seconds,
+            "simplify_cpu_seconds": simplifying.map(|cost| cost.cpu_seconds),
             "collapses_per_cpu_second": rate,
             "peak_rss_bytes": peak,
+            "memory_bytes": options.memory.0,
+            "threads": options.threads,
+            "metric": options.metric.to_string(),
+            "strategy": options.strategy.to_string(),
+            "edge_tree": (options.strategy == Strategy::Btree).then(|| options.edge_tree.to_string()),
+            "spanned": build.spanned.map(|spanned| json!({
+                "tree_bytes_read": spanned.tree.read,
+                "tree_bytes_written": spanned.tree.written,
+                "record_bytes_read": spanned.records.read,
+                "record_bytes_written": spanned.records.written,
+                "loads": spanned.loads,
+                "loads_cut_short": spanned.cut_short,
+                "spanning_edges": spanned.spanning_edges,
+                "sub_meshes": spanned.sub_meshes,
+                "sub_mesh_triangles": spanned.sub_mesh_triangles,
+                "largest_sub_mesh_triangles": spanned.largest_sub_mesh,
+                "edges_inserted": spanned.inserted_edges,
+                "edges_at_most": spanned.largest_tree,
+            })),
+            "resumed": self.is_resumed,
+            "phases": phases,
             "bytes_read": self.bytes_read,
             "bytes_written": self.bytes_written,
+            "io_read_bytes": io.map(|io| io.0),
+            "io_written_bytes": io.map(|io| io.1),
+            "scratch_peak_bytes": self.scratch_peak_bytes,
             "passes": build.rounds,
             "collapses": build.legal_collapses + build.end_phase_collapses,
             "end_phase_collapses": build.end_phase_collapses,
@@ -155,7 +230,7 @@ impl Done {
             "meta_node_levels": model.page_levels,
             "meta_node_fill": model.fill,
             "slot_bytes": model.slot_bytes,
-            "largest_error": self.largest_switch,
+            "largest_error": model.largest_switch,
             "model_bytes": model.bytes,
             "model_sha256": self.digest,
         })
@@ -194,12 +269,98 @@ fn warnings_json(cleaning: &CleaningCounts) -> Vec<Value> {
         .collect()
 }
 
+/// The name of a phase for programs.
+fn name_of(phase: Phase) -> &'static str {
+    match phase {
+        Phase::Reading => "ingest",
+        Phase::Simplifying => "simplify",
+        Phase::Numbering => "number",
+        Phase::Writing => "write",
+    }
+}
+
+/// How many threads this machine runs at once.
+fn available_threads() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// Where the scratch of this output is: a hidden folder beside it, or one of its own in the folder asked for.
+fn scratch_folder(asked_for: Option<&Path>, output: &Path) -> Result<PathBuf> {
+    let name = output.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let Some(folder) = asked_for else { return Ok(output.with_file_name(format!(".{name}.scratch"))) };
+    if !folder.is_dir() {
+        bail!("{}: there is no such directory for the scratch", folder.display());
+    }
+    // Outputs of the same name in different places are different outputs.
+    let place = std::path::absolute(output).with_context(|| format!("{}: where is that?", output.display()))?;
+    let digest = Sha256::digest(place.as_os_str().as_encoded_bytes());
+    let mark: String = digest.iter().take(4).map(|byte| format!("{byte:02x}")).collect();
+    Ok(folder.join(format!("vdt-{name}-{mark}.scratch")))
+}
+
+/// What a checkpoint depends on: the files, as far as their size and time tell, and the options.
+fn fingerprint(options: &arguments::BuildOptions, build: &BuildOptions) -> Result<String> {
+    let mut text = format!(
+        "vdt {} memory {} threads {} metric {} strategy {} {}",
+        env!("CARGO_PKG_VERSION"),
+        build.memory.0,
+        build.threads,
+        build.metric,
+        build.strategy,
+        build.edge_tree
+    );
+    for mesh in &options.meshes {
+        let path = std::path::absolute(mesh).with_context(|| format!("{}: where is that?", mesh.display()))?;
+        // A file that cannot be read is the reader's to complain of.
+        if let Ok(metadata) = std::fs::metadata(mesh) {
+            let changed = metadata.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());
+            let nanoseconds = changed.map_or(0, |time| time.as_nanos());
+            text.push_str(&format!("; {} {} {nanoseconds}", path.display(), metadata.len()));
+        }
+    }
+    Ok(text)
+}
+
+/// How much of the whole build each phase is, on average, and where it begins.
+fn share_of(phase: Phase) -> (f64, f64) {
+    match phase {
+        Phase::Reading => (0.0, 0.15),
+        Phase::Simplifying => (0.15, 0.6),
+        Phase::Numbering => (0.75, 0.12),
+        Phase::Writing => (0.87, 0.13),
+    }
+}
+
+/// A bar over the whole build.
+#[derive(Debug)]
+struct BuildProgress {
+    bar: Progress,
+}
+
+impl BuildProgress {
+    fn new() -> Self {
+        BuildProgress { bar: Progress::new("reading") }
+    }
+
+    fn show(&self, phase: Phase, share: f64) {
+        self.bar.phase(match phase {
+            Phase::Reading => "reading",
+            Phase::Simplifying => "simplifying",
+            Phase::Numbering => "numbering",
+            Phase::Writing => "writing",
+        });
+        let (start, length) = share_of(phase);
+        self.bar.show(start + length * share);
+    }
+}
+
 fn dry_run(options: &arguments::BuildOptions, build_options: &BuildOptions, json: bool) -> Result<()> {
-    let progress = Progress::new("counting");
+    let progress = Progress::waiting("counting");
     let counts = ingest::count(&LocalDisk, &options.meshes)?;
     drop(progress);
-    let needs = needs(counts, build_options.strategy);
-    let fits = needs <= options.memory;
+    let Estimate { peak_bytes, smallest_memory, scratch_bytes, cpu_seconds } = estimate(counts, build_options);
+    let fits = smallest_memory <= options.memory;
+    let model_bytes = counts.vertices.min(counts.triangles / 2 + 2) * MODEL_BYTES_PER_VERTEX;
     let mut report = Report::default();
     report.line(
         "mesh",
@@ -209,16 +370,27 @@ fn dry_run(options: &arguments::BuildOptions, build_options: &BuildOptions, json
             counted(counts.vertices, "vertex", "vertices")
         ),
     );
-    report.line("RAM needed", format!("{needs}: run with --memory {} or more", needs.as_argument()));
-    report.line("RAM allowed", format!("{}: {}", options.memory, if fits { "enough" } else { "not enough" }));
+    let smallest = smallest_memory.as_argument();
+    report.line("RAM", format!("{} of {} allowed", ByteSize(peak_bytes), options.memory));
+    report.line(
+        "least RAM",
+        format!("{smallest}: {}", if fits { "what is allowed is enough" } else { "run with --memory of that or more" }),
+    );
+    report.line("scratch", format!("{} of disk", ByteSize(scratch_bytes)));
+    report.line("model", format!("about {}", ByteSize(model_bytes)));
+    report.line("time", format!("about {cpu_seconds:.0} s of CPU, on a machine like the author's"));
     report.print(
         json,
         &json!({
             "input_vertices": counts.vertices,
             "input_triangles": counts.triangles,
-            "memory_needed_bytes": needs.0,
+            "memory_needed_bytes": smallest_memory.0,
             "memory_bytes": options.memory.0,
             "fits": fits,
+            "estimated_peak_rss_bytes": peak_bytes,
+            "estimated_scratch_peak_bytes": scratch_bytes,
+            "estimated_model_bytes": model_bytes,
+            "estimated_cpu_seconds": cpu_seconds,
         }),
     )
 }

@@ -28,6 +28,7 @@ const INTERRUPTED: i32 = 130;
 
 /// Runs the program with the command line of this process.
 pub fn run() -> ExitCode {
+    storage::usage::return_freed_memory();
     let Arguments { command, json } = Arguments::parse();
     if let Err(error) = ctrlc::set_handler(stop) {
         eprintln!("vdt: Ctrl-C will leave temporary files behind: {error}");

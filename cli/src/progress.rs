@@ -17,7 +17,7 @@ impl Progress {
     /// Begins a bar. indicatif draws it on standard error, and only if that is a terminal.
     pub fn new(what: &'static str) -> Self {
         let bar = ProgressBar::new(STEPS);
-        if let Ok(style) = ProgressStyle::with_template("{msg:12} {wide_bar} {percent:>3} % {eta:>5}") {
+        if let Ok(style) = ProgressStyle::with_template("{msg:12} {wide_bar} {percent:>3} %  {eta:>5} left") {
             bar.set_style(style);
         }
         bar.set_message(what);

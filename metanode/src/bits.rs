@@ -19,16 +19,6 @@ impl Bits {
         self.words[number as usize / 64] |= 1 << (number % 64);
     }
 
-    /// Takes `number` out.
-    pub(crate) fn remove(&mut self, number: u32) {
-        self.words[number as usize / 64] &= !(1 << (number % 64));
-    }
-
-    /// Whether `number` is in.
-    pub(crate) fn contains(&self, number: u32) -> bool {
-        self.words[number as usize / 64] >> (number % 64) & 1 == 1
-    }
-
     /// The same set, closed to changes, with ranks.
     pub(crate) fn ranked(self) -> RankedBits {
         let mut before = Vec::with_capacity(self.words.len());
@@ -76,9 +66,6 @@ mod tests {
     fn ranks_count_up_to_and_with_the_number() {
         let mut bits = Bits::new(200);
         [0, 5, 63, 64, 130, 199].into_iter().for_each(|number| bits.insert(number));
-        bits.insert(7);
-        bits.remove(7);
-        assert!(bits.contains(63) && !bits.contains(62) && !bits.contains(7));
         let ranked = bits.ranked();
         let expected = |number: u32| [0, 5, 63, 64, 130, 199].iter().filter(|set| **set <= number).count() as u32;
         assert!((0..200).all(|number| ranked.rank(number) == expected(number)));

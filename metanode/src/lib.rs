@@ -5,6 +5,7 @@
 //! | [`page`] | the decoded meta-node: what lies in a place holder | the paper, 3.2; design, 4 |
 //! | [`header`] | the model file's header and root table, byte by byte | |
 //! | [`blocking`] | which splits share a meta-node, and in which order | the paper, 3.2; design, 4 |
+//! | `leaf_order` | a tree of any size, looked up through caches | |
 //! | [`mod@write`] | writes a tree as a model file | |
 //! | [`model`] | a model file open for reading | |
 //! | [`mod@verify`] | checks a whole model file, believing nothing | design, 6 |
@@ -17,6 +18,7 @@ mod bits;
 pub mod blocking;
 pub mod cut;
 pub mod header;
+mod leaf_order;
 pub mod model;
 pub mod page;
 pub mod statistics;
@@ -27,7 +29,9 @@ pub mod write;
 pub use cut::{UniformCut, error_for_triangles};
 pub use statistics::{ModelStatistics, statistics};
 pub use verify::{VerifyError, VerifyReport, verify};
-pub use write::{ModelOptions, ModelSummary, WriteError, write_model};
+pub use write::{ModelOptions, ModelSummary, WriteError, WriteResources, write_model};
 
+#[cfg(test)]
+mod reference;
 #[cfg(test)]
 mod testing;

@@ -197,7 +197,7 @@ fn high(word: u32) -> u16 {
     (word >> 16) as u16
 }
 
-fn pack(low: u16, high: u16) -> u32 {
+pub(crate) fn pack(low: u16, high: u16) -> u32 {
     u32::from(low) | u32::from(high) << 16
 }
 

@@ -123,12 +123,12 @@ mod tests {
     use vdt::tree::{NO_SPLIT, Tree};
 
     use super::*;
-    use crate::blocking;
+    use crate::reference;
     use crate::testing::{blockings, model, model_bytes, plans, random_tree};
 
     /// Pages on the way from the root of a leaf's tree to the leaf, added up over all leaves; and the most for one.
     fn path_pages(tree: &Tree, blocking: Blocking) -> (u64, u32) {
-        let blocks = blocking::block(tree, blocking).unwrap();
+        let blocks = reference::block(tree, blocking).unwrap();
         let mut page_of = vec![0; tree.leaf_count()];
         for (number, page) in blocks.pages.iter().enumerate() {
             blocks.records(page).iter().for_each(|split| page_of[*split as usize] = number);

@@ -10,12 +10,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use storage::{Disk, MemoryDisk};
-use vdt::tree::{BornTriangles, NO_SPLIT, NormalCone, Root, Split, Tree};
+use vdt::tree::{BornTriangles, NO_SPLIT, NormalCone, Root, Split, StoredTree, Tree};
 
 use crate::header::{Blocking, Metric, Strategy};
 use crate::model::Model;
 use crate::page::{ChildEntry, Page, Target};
-use crate::write::{ModelOptions, ModelSummary, write_model};
+use crate::write::{ModelOptions, ModelSummary, WriteResources, write_model};
 
 /// A small generator of random numbers (SplitMix64).
 #[derive(Debug, Clone)]
@@ -252,7 +252,9 @@ pub(crate) fn options(blocking: Blocking) -> ModelOptions {
 pub(crate) fn model_bytes(tree: &Tree, blocking: Blocking) -> (Vec<u8>, ModelSummary) {
     let memory = MemoryDisk::new();
     let disk: Arc<dyn Disk> = Arc::new(memory.clone());
-    let summary = write_model(disk, Path::new("model.vdt"), tree, &options(blocking)).unwrap();
+    let (tree, resources) = (StoredTree::from_tree(tree.clone()), WriteResources::in_memory());
+    let summary =
+        write_model(disk, Path::new("model.vdt"), &tree, &options(blocking), &resources, &mut |_| ()).unwrap();
     (memory.bytes("model.vdt").unwrap(), summary)
 }
 

@@ -7,9 +7,9 @@ use std::sync::Arc;
 use glam::Vec3;
 use metanode::header::{Blocking, Metric, Strategy};
 use metanode::model::Model;
-use metanode::write::{ModelOptions, write_model};
+use metanode::write::{ModelOptions, WriteResources, write_model};
 use storage::{Disk, MemoryDisk};
-use vdt::tree::{BornTriangles, NO_SPLIT, NormalCone, Root, Split, Tree};
+use vdt::tree::{BornTriangles, NO_SPLIT, NormalCone, Root, Split, StoredTree, Tree};
 
 /// A small generator of random numbers (SplitMix64).
 #[derive(Debug, Clone)]
@@ -393,7 +393,8 @@ pub fn disk_of(tree: &Tree, blocking: Blocking) -> MemoryDisk {
     let disk = MemoryDisk::new();
     let options = ModelOptions { blocking, metric: Metric::Length, strategy: Strategy::Btree };
     let shared: Arc<dyn Disk> = Arc::new(disk.clone());
-    write_model(shared, Path::new("model.vdt"), tree, &options).unwrap();
+    let (tree, resources) = (StoredTree::from_tree(tree.clone()), WriteResources::in_memory());
+    write_model(shared, Path::new("model.vdt"), &tree, &options, &resources, &mut |_| ()).unwrap();
     disk
 }
 

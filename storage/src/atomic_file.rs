@@ -5,7 +5,7 @@
 //! stop calls [`remove_unfinished`] first. Appends are gathered in a buffer of 64 KiB.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 use crate::disk::{Disk, StorageError, WriteFile};
 
@@ -23,9 +23,11 @@ fn unfinished() -> MutexGuard<'static, Vec<(Arc<dyn Disk>, PathBuf)>> {
 #[derive(Debug)]
 pub struct Standstill {
     _list: MutexGuard<'static, Vec<(Arc<dyn Disk>, PathBuf)>>,
+    _folders: MutexGuard<'static, Vec<Weak<crate::scratch::Inner>>>,
 }
 
-/// Removes the temporary files of all [`AtomicFile`]s that are not committed: what a program does when it is told to
+/// Removes the temporary files of all [`AtomicFile`]s that are not committed, and what is in the [`crate::Scratch`]
+/// folders of this process but for their checkpoints: what a program does when it is told to
 /// stop at once. It ends while it holds the [`Standstill`], so that nothing new is left behind meanwhile; those files
 /// cannot be committed any more.
 pub fn remove_unfinished() -> Standstill {
@@ -34,7 +36,7 @@ pub fn remove_unfinished() -> Standstill {
         // There is nobody to tell, and no time.
         let _ = disk.remove(&temporary);
     }
-    Standstill { _list: list }
+    Standstill { _list: list, _folders: crate::scratch::clean_up_all() }
 }
 
 /// Whether a process of this number is running. Where the system does not tell, one is.

@@ -1,10 +1,11 @@
 //! A disk that counts what is read from it and written to it: the I/O figures of the reports.
 
+use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::disk::{Disk, ReadAt, StorageError, WriteFile};
+use crate::disk::{Block, Disk, ReadAt, ScratchFile, StorageError, WriteFile};
 
 #[derive(Debug, Default)]
 struct Counters {
@@ -82,6 +83,30 @@ impl WriteFile for CountingWrite {
     }
 }
 
+#[derive(Debug)]
+struct CountingScratch {
+    inner: Arc<dyn ScratchFile>,
+    counters: Arc<Counters>,
+}
+
+impl ScratchFile for CountingScratch {
+    fn path(&self) -> &Path {
+        self.inner.path()
+    }
+
+    fn read_blocks(&self, first: u64, blocks: &mut [Block]) -> Result<(), StorageError> {
+        self.inner.read_blocks(first, blocks)?;
+        self.counters.read.fetch_add(size_of_val(blocks) as u64, Ordering::Relaxed);
+        Ok(())
+    }
+
+    fn write_blocks(&self, first: u64, blocks: &[Block]) -> Result<(), StorageError> {
+        self.inner.write_blocks(first, blocks)?;
+        self.counters.written.fetch_add(size_of_val(blocks) as u64, Ordering::Relaxed);
+        Ok(())
+    }
+}
+
 impl Disk for CountingDisk {
     fn open(&self, path: &Path) -> Result<Arc<dyn ReadAt>, StorageError> {
         Ok(Arc::new(CountingRead { inner: self.inner.open(path)?, counters: self.counters.clone() }))
@@ -89,6 +114,28 @@ impl Disk for CountingDisk {
 
     fn create_new(&self, path: &Path) -> Result<Box<dyn WriteFile>, StorageError> {
         Ok(Box::new(CountingWrite { inner: self.inner.create_new(path)?, counters: self.counters.clone() }))
+    }
+
+    fn create_scratch(&self, path: &Path) -> Result<Arc<dyn ScratchFile>, StorageError> {
+        let inner = self.inner.create_scratch(path)?;
+        Ok(Arc::new(CountingScratch { inner, counters: self.counters.clone() }))
+    }
+
+    fn open_scratch(&self, path: &Path) -> Result<Arc<dyn ScratchFile>, StorageError> {
+        let inner = self.inner.open_scratch(path)?;
+        Ok(Arc::new(CountingScratch { inner, counters: self.counters.clone() }))
+    }
+
+    fn create_folder(&self, path: &Path) -> Result<(), StorageError> {
+        self.inner.create_folder(path)
+    }
+
+    fn lock(&self, path: &Path) -> Result<Box<dyn Send + Debug>, StorageError> {
+        self.inner.lock(path)
+    }
+
+    fn remove_folder(&self, path: &Path) -> Result<(), StorageError> {
+        self.inner.remove_folder(path)
     }
 
     fn rename(&self, from: &Path, to: &Path) -> Result<(), StorageError> {

@@ -2,12 +2,13 @@
 //!
 //! It wraps any other [`Disk`]; until the fault it behaves like the disk it wraps.
 
+use std::fmt::Debug;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::disk::{Disk, ReadAt, StorageError, WriteFile};
+use crate::disk::{Block, Disk, ReadAt, ScratchFile, StorageError, WriteFile};
 
 /// When the faults strike; shared by all files of one [`FaultyDisk`].
 #[derive(Debug)]
@@ -17,6 +18,24 @@ struct Plan {
 }
 
 impl Plan {
+    /// One more read.
+    fn read(&self, path: &Path, bytes: usize, offset: u64) -> Result<(), StorageError> {
+        if Plan::take(&self.reads_left, 1) {
+            return Ok(());
+        }
+        let operation = format!("read {bytes} bytes at offset {offset} of");
+        Err(StorageError::io(path, operation, io::Error::other("injected fault")))
+    }
+
+    /// So many bytes more.
+    fn write(&self, path: &Path, bytes: usize) -> Result<(), StorageError> {
+        if Plan::take(&self.bytes_left, bytes as u64) {
+            return Ok(());
+        }
+        let operation = format!("write {bytes} bytes to");
+        Err(StorageError::io(path, operation, io::Error::from(io::ErrorKind::StorageFull)))
+    }
+
     /// Takes `amount` off a counter; false when it was not there any more.
     fn take(counter: &AtomicU64, amount: u64) -> bool {
         counter
@@ -74,10 +93,7 @@ impl ReadAt for FaultyRead {
     }
 
     fn read_at(&self, offset: u64, buffer: &mut [u8]) -> Result<usize, StorageError> {
-        if !Plan::take(&self.plan.reads_left, 1) {
-            let operation = format!("read {} bytes at offset {offset} of", buffer.len());
-            return Err(StorageError::io(self.path(), operation, io::Error::other("injected fault")));
-        }
+        self.plan.read(self.path(), buffer.len(), offset)?;
         self.inner.read_at(offset, buffer)
     }
 }
@@ -91,10 +107,7 @@ struct FaultyWrite {
 
 impl WriteFile for FaultyWrite {
     fn append(&mut self, bytes: &[u8]) -> Result<(), StorageError> {
-        if !Plan::take(&self.plan.bytes_left, bytes.len() as u64) {
-            let operation = format!("write {} bytes to", bytes.len());
-            return Err(StorageError::io(&self.path, operation, io::Error::from(io::ErrorKind::StorageFull)));
-        }
+        self.plan.write(&self.path, bytes.len())?;
         self.inner.append(bytes)
     }
 
@@ -107,6 +120,28 @@ impl WriteFile for FaultyWrite {
     }
 }
 
+#[derive(Debug)]
+struct FaultyScratch {
+    inner: Arc<dyn ScratchFile>,
+    plan: Arc<Plan>,
+}
+
+impl ScratchFile for FaultyScratch {
+    fn path(&self) -> &Path {
+        self.inner.path()
+    }
+
+    fn read_blocks(&self, first: u64, blocks: &mut [Block]) -> Result<(), StorageError> {
+        self.plan.read(self.path(), size_of_val(blocks), first * Block::BYTES as u64)?;
+        self.inner.read_blocks(first, blocks)
+    }
+
+    fn write_blocks(&self, first: u64, blocks: &[Block]) -> Result<(), StorageError> {
+        self.plan.write(self.path(), size_of_val(blocks))?;
+        self.inner.write_blocks(first, blocks)
+    }
+}
+
 impl Disk for FaultyDisk {
     fn open(&self, path: &Path) -> Result<Arc<dyn ReadAt>, StorageError> {
         Ok(Arc::new(FaultyRead { inner: self.inner.open(path)?, plan: self.plan.clone() }))
@@ -115,6 +150,28 @@ impl Disk for FaultyDisk {
     fn create_new(&self, path: &Path) -> Result<Box<dyn WriteFile>, StorageError> {
         let inner = self.inner.create_new(path)?;
         Ok(Box::new(FaultyWrite { inner, path: path.to_path_buf(), plan: self.plan.clone() }))
+    }
+
+    fn create_scratch(&self, path: &Path) -> Result<Arc<dyn ScratchFile>, StorageError> {
+        let inner = self.inner.create_scratch(path)?;
+        Ok(Arc::new(FaultyScratch { inner, plan: self.plan.clone() }))
+    }
+
+    fn open_scratch(&self, path: &Path) -> Result<Arc<dyn ScratchFile>, StorageError> {
+        let inner = self.inner.open_scratch(path)?;
+        Ok(Arc::new(FaultyScratch { inner, plan: self.plan.clone() }))
+    }
+
+    fn create_folder(&self, path: &Path) -> Result<(), StorageError> {
+        self.inner.create_folder(path)
+    }
+
+    fn lock(&self, path: &Path) -> Result<Box<dyn Send + Debug>, StorageError> {
+        self.inner.lock(path)
+    }
+
+    fn remove_folder(&self, path: &Path) -> Result<(), StorageError> {
+        self.inner.remove_folder(path)
     }
 
     fn rename(&self, from: &Path, to: &Path) -> Result<(), StorageError> {

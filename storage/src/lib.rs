@@ -12,21 +12,45 @@
 //! | [`counting_disk`] | a disk that counts what passes through it |
 //! | [`sequential`] | buffered reading of a file from front to back |
 //! | [`byte_size`] | sizes as people write them: `16M`, `1.5G` |
+//! | [`scratch`] | where temporary data goes |
+//! | [`spool`] | sequences of records: in RAM while they are small, in scratch files beyond |
+//! | [`sorter`] | external sorting |
+//! | [`scatter`] | records into the order of dense keys |
+//! | [`paged_array`] | an array on disk, with its pages in use in RAM |
+//! | [`random_file`] | a scratch file that is read and written at any place |
+//! | [`record_file`] | fixed-size records on disk by number, with the pages in use in RAM |
+//! | [`edge_tree`] | the B-tree of edges on disk: one trait, redb and sled behind it |
 //! | [`usage`] | what the operating system says of this process: peak RAM, CPU time |
 
 pub mod atomic_file;
 pub mod byte_size;
 pub mod counting_disk;
 pub mod disk;
+pub mod edge_tree;
 pub mod faulty_disk;
 pub mod memory_disk;
+pub mod paged_array;
+pub mod random_file;
+pub mod record_file;
+pub mod scatter;
+pub mod scratch;
 pub mod sequential;
+pub mod sorter;
+pub mod spool;
 pub mod usage;
 
 pub use atomic_file::{AtomicFile, Standstill, remove_unfinished};
 pub use byte_size::ByteSize;
 pub use counting_disk::CountingDisk;
-pub use disk::{Disk, LocalDisk, ReadAt, StorageError, WriteFile};
+pub use disk::{Block, Disk, LocalDisk, ReadAt, ScratchFile, StorageError, WriteFile};
+pub use edge_tree::{Edge, EdgeTree, EdgeTreeError, EdgeTreeKind};
 pub use faulty_disk::FaultyDisk;
 pub use memory_disk::MemoryDisk;
+pub use paged_array::PagedArray;
+pub use random_file::Traffic;
+pub use record_file::RecordFile;
+pub use scatter::{KeptScattered, Scatter, Scattered};
+pub use scratch::Scratch;
 pub use sequential::SequentialReader;
+pub use sorter::{SortRecord, Sorted, Sorter};
+pub use spool::{KeptSpool, Spool, SpoolReader, SpoolWriter};

@@ -1,11 +1,12 @@
 //! A file system in RAM: what tests use when they do not want to touch the machine's.
 
 use std::collections::BTreeMap;
+use std::fmt::Debug;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crate::disk::{Disk, ReadAt, StorageError, WriteFile};
+use crate::disk::{Block, Disk, ReadAt, ScratchFile, StorageError, WriteFile};
 
 type Content = Arc<Mutex<Vec<u8>>>;
 
@@ -92,6 +93,27 @@ impl WriteFile for MemoryFile {
     }
 }
 
+impl ScratchFile for MemoryFile {
+    fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn read_blocks(&self, first: u64, blocks: &mut [Block]) -> Result<(), StorageError> {
+        self.read_exact_at(first * Block::BYTES as u64, bytemuck::cast_slice_mut(blocks))
+    }
+
+    fn write_blocks(&self, first: u64, blocks: &[Block]) -> Result<(), StorageError> {
+        let mut content = lock(&self.content);
+        let start = first as usize * Block::BYTES;
+        let bytes: &[u8] = bytemuck::cast_slice(blocks);
+        if content.len() < start + bytes.len() {
+            content.resize(start + bytes.len(), 0);
+        }
+        content[start..start + bytes.len()].copy_from_slice(bytes);
+        Ok(())
+    }
+}
+
 fn not_found(path: &Path, operation: &str) -> StorageError {
     StorageError::io(path, operation, io::Error::from(io::ErrorKind::NotFound))
 }
@@ -112,6 +134,31 @@ impl Disk for MemoryDisk {
         Ok(Box::new(MemoryFile { path: path.to_path_buf(), content }))
     }
 
+    fn create_scratch(&self, path: &Path) -> Result<Arc<dyn ScratchFile>, StorageError> {
+        self.create_new(path)?;
+        self.open_scratch(path)
+    }
+
+    fn open_scratch(&self, path: &Path) -> Result<Arc<dyn ScratchFile>, StorageError> {
+        let content = lock(&self.files).get(path).cloned().ok_or_else(|| not_found(path, "open"))?;
+        Ok(Arc::new(MemoryFile { path: path.to_path_buf(), content }))
+    }
+
+    /// There are no folders, only names.
+    fn create_folder(&self, _: &Path) -> Result<(), StorageError> {
+        Ok(())
+    }
+
+    /// No other process sees this disk.
+    fn lock(&self, path: &Path) -> Result<Box<dyn Send + Debug>, StorageError> {
+        self.insert(path, Vec::new());
+        Ok(Box::new(()))
+    }
+
+    fn remove_folder(&self, _: &Path) -> Result<(), StorageError> {
+        Ok(())
+    }
+
     fn rename(&self, from: &Path, to: &Path) -> Result<(), StorageError> {
         let mut files = lock(&self.files);
         let content = files.remove(from).ok_or_else(|| not_found(from, "rename"))?;
@@ -127,7 +174,8 @@ impl Disk for MemoryDisk {
         Ok(lock(&self.files).keys().filter(|path| path.parent() == Some(folder)).cloned().collect())
     }
 
+    /// A folder exists as long as a file is in it.
     fn exists(&self, path: &Path) -> bool {
-        lock(&self.files).contains_key(path)
+        lock(&self.files).keys().any(|file| file.starts_with(path))
     }
 }

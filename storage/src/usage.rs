@@ -14,6 +14,28 @@ pub fn peak_resident_bytes() -> Option<u64> {
     Some(kilobytes * 1024)
 }
 
+/// Has memory of large blocks go back to the system as soon as it is freed, whatever came before. Called once, when a
+/// program begins that has to keep to a budget: the C library's allocator raises the size from which it does so with
+/// every large block that is freed, up to 32 MiB, and keeps what is smaller. (Measured: a build in 64 MiB had 40 MiB of
+/// freed memory at its peak.) Does nothing where another allocator is at work.
+pub fn return_freed_memory() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    {
+        const LARGE: i32 = 1 << 20;
+        // SAFETY: `mallopt` may be called at any time, and only sets a number of the allocator; a wrong one would be
+        // refused. No other thread sets it.
+        unsafe { libc::mallopt(libc::M_MMAP_THRESHOLD, LARGE) };
+    }
+}
+
+/// Bytes that this process has read and written so far, as the operating system counts them: all that went through its
+/// calls, from and to the disk or the system's cache. `None` where the system does not tell.
+pub fn bytes_read_and_written() -> Option<(u64, u64)> {
+    let counts = std::fs::read_to_string("/proc/self/io").ok()?;
+    let count = |name: &str| counts.lines().find_map(|line| line.strip_prefix(name)?.trim().parse().ok());
+    Some((count("rchar:")?, count("wchar:")?))
+}
+
 /// User and system CPU time of all threads of this process so far.
 pub fn cpu_time() -> Duration {
     cpu_clock(rustix::time::ClockId::ProcessCPUTime)
@@ -40,6 +62,13 @@ mod tests {
         let after = peak_resident_bytes().unwrap();
         assert!(block.iter().step_by(4096).all(|byte| *byte == 1));
         assert!(after >= before + (60 << 20), "{before} -> {after}");
+    }
+
+    #[test]
+    fn what_is_read_is_counted() {
+        let Some(before) = bytes_read_and_written() else { return };
+        let length = std::fs::read(std::env::current_exe().unwrap()).unwrap().len() as u64;
+        assert!(bytes_read_and_written().unwrap().0 >= before.0 + length);
     }
 
     #[test]

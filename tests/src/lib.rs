@@ -4,6 +4,9 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`random_mesh`] | meshes of every kind that people have, for property tests |
+//! | [`history`] | a mesh in RAM, simplified: what happened, and the tree |
+//! | [`random_log`] | logs of simplifications that no engine made |
+//! | [`plain_tree`] | the tree of a list of collapses, from nodes with links |
 //! | [`replay`] | a simplification done over again, one triangle list and nothing else |
 //! | [`cut`] | the mesh of a cut by the rule: three corners with three distinct active ancestors |
 //! | [`mesh_files`] | meshes as files of every format, and a PLY reader |
@@ -13,8 +16,11 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a panic is how a test fails")]
 
 pub mod cut;
+pub mod history;
 pub mod memory;
 pub mod mesh_files;
+pub mod plain_tree;
 pub mod program;
+pub mod random_log;
 pub mod random_mesh;
 pub mod replay;

@@ -12,15 +12,15 @@ use std::time::Duration;
 
 use metanode::header::{Blocking, ModelError};
 use metanode::model::Model;
-use metanode::{ModelOptions, UniformCut, error_for_triangles, verify, write_model};
+use metanode::{ModelOptions, UniformCut, WriteResources, error_for_triangles, verify, write_model};
 use navigator::check::check;
 use navigator::{Camera, Dependency, Io, Navigator, NavigatorError, NavigatorOptions};
 use proptest::prelude::*;
 use storage::{Disk, MemoryDisk, ReadAt, StorageError, WriteFile};
 use vdt::ingest::{CleaningCounts, CoreMesh, canonical};
-use vdt::simplify::{History, simplify};
-use vdt::tree::{Metric, Strategy as Order, Tree, finish};
+use vdt::tree::{Metric, StoredTree, Strategy as Order, Tree};
 use vdt_tests::cut::{self, Node, smallest_first};
+use vdt_tests::history::{self, History, history};
 use vdt_tests::random_mesh::{RawMesh, any_mesh, closed_box, sheet, sphere, torus};
 use vdt_tests::replay::PlainMesh;
 
@@ -46,8 +46,8 @@ struct Sample {
 impl Sample {
     fn new(mesh: &RawMesh, metric: Metric, order: Order) -> Self {
         let core = canonical(mesh.positions.clone(), mesh.triangles.clone(), CleaningCounts::default()).unwrap();
-        let history = simplify(&core, metric, order, &mut |_| {});
-        let tree = finish(core.clone(), history.clone());
+        let history = history(&core, metric, order);
+        let tree = history::tree(&core, metric, order);
         Sample { core, history, tree }
     }
 
@@ -55,7 +55,9 @@ impl Sample {
     fn disk(&self, blocking: Blocking) -> MemoryDisk {
         let disk = MemoryDisk::new();
         let options = ModelOptions { blocking, metric: Metric::Quadric, strategy: Order::Passes };
-        write_model(Arc::new(disk.clone()), Path::new(FILE), &self.tree, &options).unwrap();
+        let tree = StoredTree::from_tree(self.tree.clone());
+        let (path, resources) = (Path::new(FILE), WriteResources::in_memory());
+        write_model(Arc::new(disk.clone()), path, &tree, &options, &resources, &mut |_| ()).unwrap();
         disk
     }
 

@@ -7,9 +7,9 @@ use std::collections::BTreeMap;
 
 use proptest::prelude::*;
 use vdt::ingest::{CleaningCounts, CoreMesh, canonical};
-use vdt::simplify::{History, simplify};
-use vdt::tree::{Metric, Strategy as Order, Tree, check, finish};
+use vdt::tree::{Metric, Strategy as Order, Tree, check};
 use vdt_tests::cut;
+use vdt_tests::history::{self, History, history};
 use vdt_tests::random_mesh::{RawMesh, any_mesh, closed_box, sheet, sphere};
 use vdt_tests::replay::PlainMesh;
 
@@ -17,14 +17,8 @@ fn core(mesh: &RawMesh) -> CoreMesh {
     canonical(mesh.positions.clone(), mesh.triangles.clone(), CleaningCounts::default()).unwrap()
 }
 
-fn history(mesh: &CoreMesh, metric: Metric, order: Order) -> History {
-    simplify(mesh, metric, order, &mut |_| {})
-}
-
 fn tree(mesh: &RawMesh, metric: Metric, order: Order) -> Tree {
-    let core = core(mesh);
-    let history = history(&core, metric, order);
-    finish(core, history)
+    history::tree(&core(mesh), metric, order)
 }
 
 fn either_metric() -> impl Strategy<Value = Metric> {

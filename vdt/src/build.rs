@@ -1,42 +1,124 @@
-//! From mesh files to a finished tree, in core, within a memory limit.
+//! From mesh files to a finished tree, within a memory limit, whatever the size of the mesh.
 //!
-//! [`needs`] says beforehand what a mesh of a given size takes; a mesh that does not fit is refused before anything is
-//! built, with the number that would do. (The external build, which has no such limit, is yet to come.)
+//! | phase | what it does | module |
+//! |---|---|---|
+//! | reading | canonical form, in spatial blocks | [`crate::ingest`] |
+//! | simplifying | collapses, written down in a log | [`crate::simplify`] |
+//! | numbering | leaf numbers, ids, born triangles | [`crate::tree`] |
+//!
+//! The phases follow each other, so each has all of the memory. What does not fit goes to the scratch. After the first
+//! two there is a checkpoint in it, from which another process can go on.
 
 use std::path::PathBuf;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use storage::{ByteSize, Disk};
+use serde::{Deserialize, Serialize};
+use storage::{ByteSize, Disk, EdgeTreeKind, Scratch, StorageError};
+use thiserror::Error;
 
-use crate::ingest::{self, CleaningCounts, FileCounts};
+use crate::ingest::{self, CleaningCounts, FileCounts, IngestPlan, KeptMesh, StoredMesh};
 use crate::mesh::MeshError;
-use crate::simplify;
-use crate::tree::{Metric, Strategy, Tree, finish};
+use crate::simplify::log::{KeptSimplified, Simplified};
+use crate::simplify::{self, SimplifyError, SimplifyOptions, SpannedCounters};
+use crate::tree::{FinishError, Metric, StoredTree, Strategy, finish};
 
 /// How a tree is to be built.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BuildOptions {
     /// Limit on what grows with the mesh.
     pub memory: ByteSize,
+    /// How many threads may work.
+    pub threads: usize,
     /// What a collapse costs.
     pub metric: Metric,
     /// How the order of the collapses is found.
     pub strategy: Strategy,
+    /// The tree of edges of [`Strategy::Btree`], for a mesh that does not fit in memory.
+    pub edge_tree: EdgeTreeKind,
 }
 
-/// The phases of a build, for whoever shows progress.
+/// The phases of a build.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
     /// Reading the mesh files and bringing them into canonical form.
     Reading,
     /// Collapsing edges.
     Simplifying,
-    /// Numbering, leaf intervals, bounding spheres, normal cones.
-    Finishing,
+    /// Leaf numbers, ids, born triangles.
+    Numbering,
+    /// Cutting the tree into meta-nodes and writing the model: not done here, but watched in the same way.
+    Writing,
+}
+
+/// Why there is no tree.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum BuildError {
+    /// A mesh file could not be read, or holds no mesh.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// Simplification failed.
+    #[error(transparent)]
+    Simplify(#[from] SimplifyError),
+    /// Numbering failed.
+    #[error(transparent)]
+    Finish(#[from] FinishError),
+    /// The scratch failed.
+    #[error(transparent)]
+    Storage(#[from] StorageError),
+    /// What the build had come to could not be written down.
+    #[error("the state of the build cannot be written down: {problem}")]
+    Checkpoint {
+        /// Why.
+        problem: String,
+    },
+}
+
+/// What a phase took.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PhaseCost {
+    /// Which phase.
+    pub phase: Phase,
+    /// Wall-clock seconds.
+    pub seconds: f64,
+    /// CPU seconds of all threads.
+    pub cpu_seconds: f64,
+    /// Bytes read, as the operating system counts them; 0 where it does not.
+    pub bytes_read: u64,
+    /// Bytes written.
+    pub bytes_written: u64,
+}
+
+/// A watch over what a phase takes.
+#[derive(Debug)]
+pub struct PhaseWatch {
+    start: Instant,
+    cpu: Duration,
+    bytes: (u64, u64),
+}
+
+impl PhaseWatch {
+    /// Begins to watch.
+    pub fn start() -> Self {
+        let (start, cpu) = (Instant::now(), storage::usage::cpu_time());
+        PhaseWatch { start, cpu, bytes: storage::usage::bytes_read_and_written().unwrap_or_default() }
+    }
+
+    /// What was taken since.
+    pub fn cost(&self, phase: Phase) -> PhaseCost {
+        let bytes = storage::usage::bytes_read_and_written().unwrap_or_default();
+        PhaseCost {
+            phase,
+            seconds: self.start.elapsed().as_secs_f64(),
+            cpu_seconds: (storage::usage::cpu_time() - self.cpu).as_secs_f64(),
+            bytes_read: bytes.0 - self.bytes.0,
+            bytes_written: bytes.1 - self.bytes.1,
+        }
+    }
 }
 
 /// What happened during a build.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct BuildReport {
     /// What the files held.
     pub files: FileCounts,
@@ -48,61 +130,132 @@ pub struct BuildReport {
     pub legal_collapses: u64,
     /// Collapses of the end phase.
     pub end_phase_collapses: u64,
-    /// Wall-clock seconds of simplification alone.
-    pub simplify_seconds: f64,
-    /// CPU seconds of simplification alone.
-    pub simplify_cpu_seconds: f64,
+    /// What the way through spanned sub-meshes took, where that was taken.
+    pub spanned: Option<SpannedCounters>,
+    /// What each phase took. Phases that an earlier process had finished are not among them.
+    pub phases: Vec<PhaseCost>,
 }
 
-/// Bytes at the peak of an in-core build for each vertex and for each triangle: the collapse engine's (see `simplify`),
-/// with the canonical mesh and the history beside it. Measured on ten meshes, it is 5 to 15 % less.
-const BYTES_PER_VERTEX: u64 = 140;
-const BYTES_PER_TRIANGLE: u64 = 56;
-/// What the priority queue of [`Strategy::Btree`] takes more, for each triangle: several entries for each edge.
-const QUEUE_BYTES_PER_TRIANGLE: u64 = 60;
-/// Tables that do not depend on the size.
-const FIXED_BYTES: u64 = 1 << 20;
+/// What a build is going to take.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    /// The largest resident set, in bytes.
+    pub peak_bytes: u64,
+    /// The least memory with which it can be done.
+    pub smallest_memory: ByteSize,
+    /// Bytes of scratch on disk at the peak.
+    pub scratch_bytes: u64,
+    /// CPU seconds of all threads, on a machine like that on which it was measured.
+    pub cpu_seconds: f64,
+}
 
-/// Bytes that building the tree of a mesh in core takes, for files that hold this much.
-pub fn needs(counts: FileCounts, strategy: Strategy) -> ByteSize {
-    // A soup of triangles has three vertices for each facet, of which a sixth is left after welding.
-    let vertices = counts.vertices.min(counts.triangles.saturating_mul(3) / 4 + 4);
-    let per_triangle = match strategy {
-        Strategy::Passes => BYTES_PER_TRIANGLE,
-        Strategy::Btree => BYTES_PER_TRIANGLE + QUEUE_BYTES_PER_TRIANGLE,
-    };
-    let engine =
-        vertices.saturating_mul(BYTES_PER_VERTEX).saturating_add(counts.triangles.saturating_mul(per_triangle));
-    ByteSize(engine.max(ingest::reading_needs(counts).0).saturating_add(FIXED_BYTES))
+/// The program itself, its code and stacks, in bytes.
+const PROGRAM_BYTES: u64 = 5 << 20;
+/// Bytes for each triangle at the peak of a build that touches no disk.
+const CORE_BYTES: u64 = 140;
+/// Scratch for each triangle at the peak, in bytes.
+const SCRATCH_BYTES: u64 = 130;
+/// CPU time for each triangle, in core and with a scratch, in nanoseconds.
+const CPU_NANOSECONDS: [f64; 2] = [1500.0, 2200.0];
+
+/// Says beforehand what a build of files that hold this much is going to take.
+pub fn estimate(counts: FileCounts, options: &BuildOptions) -> Estimate {
+    let memory = options.memory.0;
+    let in_core = counts.triangles * CORE_BYTES;
+    let is_external = in_core > memory;
+    let simplify = simplify::smallest_memory(counts.triangles, options.threads).0;
+    let reading = ingest::smallest_memory(counts, simplify::block_triangles(options.memory, options.threads)).0;
+    Estimate {
+        peak_bytes: PROGRAM_BYTES + in_core.min(memory),
+        smallest_memory: ByteSize(simplify.max(reading)),
+        scratch_bytes: if is_external { counts.triangles * SCRATCH_BYTES } else { 0 },
+        cpu_seconds: counts.triangles as f64 * CPU_NANOSECONDS[usize::from(is_external)] * 1e-9,
+    }
+}
+
+/// What an interrupted build had come to, as its scratch has it.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Checkpoint {
+    /// The mesh was read.
+    Read(KeptMesh),
+    /// All collapses were made.
+    Simplified(KeptMesh, KeptSimplified),
 }
 
 /// Builds the view-dependence tree of the mesh in `paths` (several files are one mesh).
 ///
-/// # Errors
-///
-/// Those of reading the files, [`MeshError::OverMemory`] where the mesh does not fit.
+/// `resumed` is the checkpoint of an earlier process, as [`Scratch::open`] gave it for the same files and options.
+/// `progress` is told of each phase when it begins, and of the share of it that is done, 0 to 1.
 pub fn build(
     disk: &dyn Disk,
     paths: &[PathBuf],
     options: &BuildOptions,
+    scratch: &Scratch,
+    resumed: Option<serde_json::Value>,
     progress: &mut dyn FnMut(Phase, f64),
-) -> Result<(Tree, BuildReport), MeshError> {
-    progress(Phase::Reading, 0.0);
-    let (mesh, files) = ingest::load(disk, paths, options.memory, &|counts| needs(counts, options.strategy))?;
-    progress(Phase::Simplifying, 0.0);
-    let (start, cpu_start) = (Instant::now(), storage::usage::cpu_time());
-    let history = simplify::simplify(&mesh, options.metric, options.strategy, &mut |share| {
-        progress(Phase::Simplifying, share);
-    });
-    let report = BuildReport {
-        files,
-        cleaning: mesh.cleaning,
-        rounds: history.rounds,
-        legal_collapses: history.legal as u64,
-        end_phase_collapses: (history.collapses.len() - history.legal) as u64,
-        simplify_seconds: start.elapsed().as_secs_f64(),
-        simplify_cpu_seconds: (storage::usage::cpu_time() - cpu_start).as_secs_f64(),
+) -> Result<(StoredTree, BuildReport), BuildError> {
+    let BuildOptions { memory, threads, metric, strategy, edge_tree } = *options;
+    let mut phases = Vec::new();
+    let checkpoint = resumed.and_then(|state| serde_json::from_value(state).ok());
+    let (mesh, simplified) = match checkpoint {
+        Some(Checkpoint::Simplified(mesh, simplified)) => {
+            (StoredMesh::reopen(scratch, &mesh)?, Some(Simplified::reopen(scratch, &simplified)?))
+        }
+        Some(Checkpoint::Read(mesh)) => (StoredMesh::reopen(scratch, &mesh)?, None),
+        None => {
+            progress(Phase::Reading, 0.0);
+            let watch = PhaseWatch::start();
+            let block_triangles = simplify::block_triangles(memory, threads);
+            let plan = IngestPlan { memory, threads, block_triangles };
+            let mut mesh = ingest::store(disk, scratch, paths, &plan, &mut |share| progress(Phase::Reading, share))?;
+            if mesh.is_on_disk() {
+                let kept = mesh.keep(scratch)?;
+                let files = kept.files().collect();
+                save(scratch, &Checkpoint::Read(kept), files)?;
+            }
+            phases.push(watch.cost(Phase::Reading));
+            (mesh, None)
+        }
     };
-    progress(Phase::Finishing, 0.0);
-    Ok((finish(mesh, history), report))
+    let mut mesh = mesh;
+    let simplified = match simplified {
+        Some(simplified) => simplified,
+        None => {
+            progress(Phase::Simplifying, 0.0);
+            let watch = PhaseWatch::start();
+            let simplify_options = SimplifyOptions { metric, strategy, memory, threads, edge_tree };
+            let mut simplified = simplify::simplify(&mesh, &simplify_options, scratch, &mut |share| {
+                progress(Phase::Simplifying, share);
+            })?;
+            if mesh.is_on_disk() {
+                let (kept_mesh, kept) = (mesh.keep(scratch)?, simplified.keep(scratch)?);
+                let files = kept_mesh.files().chain(kept.files()).collect();
+                save(scratch, &Checkpoint::Simplified(kept_mesh, kept), files)?;
+            }
+            phases.push(watch.cost(Phase::Simplifying));
+            simplified
+        }
+    };
+    progress(Phase::Numbering, 0.0);
+    let watch = PhaseWatch::start();
+    let mut report = BuildReport {
+        files: mesh.files,
+        cleaning: mesh.cleaning,
+        rounds: simplified.rounds,
+        legal_collapses: simplified.legal_collapses,
+        end_phase_collapses: simplified.log.len() - simplified.legal_collapses,
+        spanned: simplified.spanned,
+        phases: Vec::new(),
+    };
+    let tree = finish(mesh, simplified, scratch, memory, threads, &mut |share| progress(Phase::Numbering, share))?;
+    phases.push(watch.cost(Phase::Numbering));
+    report.phases = phases;
+    Ok((tree, report))
+}
+
+fn save(scratch: &Scratch, checkpoint: &Checkpoint, files: Vec<String>) -> Result<(), BuildError> {
+    let state =
+        serde_json::to_value(checkpoint).map_err(|error| BuildError::Checkpoint { problem: error.to_string() })?;
+    Ok(scratch.checkpoint(state, files)?)
 }

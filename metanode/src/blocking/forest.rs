@@ -18,16 +18,13 @@
 //! large. Only a split that does not fit into a slot by itself does; it has a page of its own.
 //!
 //! Time: O(n log s) for n splits and s in a page; a tree's root that goes on from page to page counts each time. Memory:
-//! 12 bytes for each leaf, 36 for each page and one bit for each leaf, and for each subtree that waits for its page on
-//! one level of the page tree 8, for those of one page 50 more.
+//! for each subtree that waits for its page 16 bytes, for those of one page 50 more.
 
-use std::collections::{BinaryHeap, VecDeque};
+use std::collections::BinaryHeap;
 use std::ops::RangeInclusive;
 
-use vdt::tree::Tree;
-
-use super::{BlockingError, Blocks, children, outline, root_page};
-use crate::bits::Bits;
+use super::{BlockingError, Filled, fill_page};
+use crate::leaf_order::{Nodes, Subtree};
 use crate::page::{CHILD_PAGE_WORDS, HEADER_WORDS, RECORD_WORDS};
 
 /// What a slot may hold, in bytes. A page of 1 MiB has at most 32,768 child entries and 43,690 records, well within the
@@ -35,40 +32,6 @@ use crate::page::{CHILD_PAGE_WORDS, HEADER_WORDS, RECORD_WORDS};
 pub const SLOT_BYTES: RangeInclusive<u32> = 4096..=1 << 20;
 /// How many children a page may be given. The most take a quarter of the smallest slot.
 pub const FAN_OUT: RangeInclusive<u32> = 2..=256;
-
-/// A subtree handed to a page, by the split at its root.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Subtree {
-    split: u32,
-    /// Whether it is a whole tree: no entry leads to it, so it may go on into a child page.
-    is_tree: bool,
-}
-
-/// The subtrees handed to a page, and what it has taken of them.
-#[derive(Debug, Default)]
-struct Filling {
-    subtrees: Vec<Subtree>,
-    /// The splits taken: first those that are due, then the others in the order in which they were chosen.
-    taken: Vec<u32>,
-    /// How many of them the page cannot do without.
-    due: usize,
-    /// Words that they take.
-    words: usize,
-    /// What they leave.
-    frontier: Vec<Subtree>,
-    heap: BinaryHeap<(u32, Subtree)>,
-}
-
-struct Forest<'a> {
-    tree: &'a Tree,
-    /// Words of whole subtrees.
-    weights: Vec<u64>,
-    /// Splits that are in a page.
-    placed: Bits,
-    /// Words of a slot behind the page header.
-    capacity: usize,
-    fan_out: usize,
-}
 
 /// Whether there can be pages of so many bytes with so many child pages.
 pub fn check_parameters(slot_bytes: u32, fan_out: u32) -> Result<(), BlockingError> {
@@ -81,143 +44,129 @@ pub fn check_parameters(slot_bytes: u32, fan_out: u32) -> Result<(), BlockingErr
     Ok(())
 }
 
-/// Blocks `tree` into pages of `slot_bytes` bytes, decoded, with up to `fan_out` child pages.
-pub fn block(tree: &Tree, slot_bytes: u32, fan_out: u32) -> Result<Blocks, BlockingError> {
-    check_parameters(slot_bytes, fan_out)?;
-    let preorder = outline::preorder(tree)?;
-    let split_count = preorder.len();
-    let mut forest = Forest {
-        tree,
-        weights: outline::weights(tree, &preorder),
-        placed: Bits::new(tree.leaf_count() as u32),
-        capacity: slot_bytes as usize / 4 - HEADER_WORDS,
-        fan_out: fan_out as usize,
-    };
-    drop(preorder);
-
-    let mut blocks = Blocks { order: Vec::with_capacity(split_count), ..Blocks::default() };
-    let mut waiting: VecDeque<Subtree> =
-        tree.roots.iter().map(|root| Subtree { split: root.split, is_tree: true }).collect();
-    let mut group_sizes = VecDeque::new();
-    if !waiting.is_empty() {
-        group_sizes.push_back(waiting.len());
-        blocks.pages.push(root_page());
-        blocks.root_pages = 1;
-    }
-    let mut filling = Filling::default();
-    let mut number = 0;
-    while let Some(size) = group_sizes.pop_front() {
-        filling.subtrees.clear();
-        filling.subtrees.extend(waiting.drain(..size));
-        let groups = forest.fill(&mut filling);
-        let roots = filling.subtrees.iter().filter(|subtree| forest.placed.contains(subtree.split));
-        blocks.order.extend(roots.map(|subtree| subtree.split));
-        blocks.complete(tree, number, |child, _| forest.placed.contains(child));
-        for size in groups {
-            group_sizes.push_back(size);
-            blocks.push_child(number);
-        }
-        waiting.extend(&filling.frontier);
-        number += 1;
-    }
-    Ok(blocks)
+/// How large pages are, and how many children they have.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Slot {
+    /// Words behind the page header.
+    capacity: usize,
+    fan_out: usize,
 }
 
-impl Forest<'_> {
-    /// Chooses the splits of a page and marks them as placed; leaves the frontier in `filling`, and says how it is cut
-    /// into groups.
-    fn fill(&mut self, filling: &mut Filling) -> Vec<usize> {
-        let whole: u64 = filling.subtrees.iter().map(|subtree| self.weights[subtree.split as usize]).sum();
-        if whole <= self.capacity as u64 {
-            self.take_everything(filling);
-            return Vec::new();
-        }
-        self.take_best_first(filling);
-        loop {
-            self.find_frontier(filling);
-            let groups = self.cut(filling);
-            let optional = filling.taken.len() - filling.due;
-            let fits = filling.words + groups.len() * CHILD_PAGE_WORDS <= self.capacity;
-            if optional == 0 || (groups.len() <= self.fan_out && fits) {
-                return groups;
-            }
-            for split in filling.taken.drain(filling.due + optional / 2..) {
-                self.placed.remove(split);
-                filling.words -= outline::split_words(self.tree, split);
-            }
-        }
+/// What a page takes of the subtrees that it was handed.
+#[derive(Debug, Default)]
+struct Taking {
+    /// The splits taken: first those that are due, then the others in the order in which they were chosen.
+    taken: Vec<Subtree>,
+    /// How many of them the page cannot do without.
+    due: usize,
+    /// Words that they take.
+    words: usize,
+    /// The splits taken, ascending.
+    placed: Vec<u32>,
+    /// What they leave.
+    frontier: Vec<Subtree>,
+}
+
+impl Taking {
+    fn sort_placed(&mut self) {
+        self.placed.clear();
+        self.placed.extend(self.taken.iter().map(|subtree| subtree.split));
+        self.placed.sort_unstable();
     }
 
-    fn take_everything(&mut self, filling: &mut Filling) {
-        filling.frontier.clear();
-        let taken = &mut filling.taken;
-        taken.clear();
-        taken.extend(filling.subtrees.iter().map(|subtree| subtree.split));
-        while let Some(split) = taken.pop() {
-            self.placed.insert(split);
-            taken.extend(children(self.tree, split));
+    fn has(&self, split: u32) -> bool {
+        self.placed.binary_search(&split).is_ok()
+    }
+}
+
+impl Slot {
+    pub fn new(slot_bytes: u32, fan_out: u32) -> Self {
+        Slot { capacity: slot_bytes as usize / 4 - HEADER_WORDS, fan_out: fan_out as usize }
+    }
+
+    /// Fills a page from a set of subtrees.
+    pub fn fill(&self, nodes: &mut Nodes<'_>, subtrees: Vec<Subtree>) -> Result<Filled, BlockingError> {
+        let mut whole = 0;
+        for subtree in &subtrees {
+            whole += nodes.weight(*subtree)?;
         }
+        if whole <= self.capacity as u64 {
+            return fill_page(nodes, subtrees, |_, _| true);
+        }
+        let mut taking = Taking::default();
+        self.take_best_first(nodes, &subtrees, &mut taking)?;
+        let groups = loop {
+            find_frontier(nodes, &subtrees, &mut taking)?;
+            let groups = self.cut(nodes, &taking.frontier)?;
+            let optional = taking.taken.len() - taking.due;
+            let fits = taking.words + groups.len() * CHILD_PAGE_WORDS <= self.capacity;
+            if optional == 0 || (groups.len() <= self.fan_out && fits) {
+                break groups;
+            }
+            for subtree in taking.taken.drain(taking.due + optional / 2..) {
+                taking.words -= nodes.split_words(subtree.split)?;
+            }
+            taking.sort_placed();
+        };
+        let roots = subtrees.into_iter().filter(|subtree| taking.has(subtree.split)).collect();
+        let mut filled = fill_page(nodes, roots, |child, _| taking.has(child.split))?;
+        let mut frontier = taking.frontier.iter().copied();
+        filled.groups = groups.into_iter().map(|size| frontier.by_ref().take(size).collect()).collect();
+        Ok(filled)
     }
 
     /// Takes what is due, then the greatest ids, as long as any split fits beside a table of the asked-for children.
-    fn take_best_first(&mut self, filling: &mut Filling) {
+    fn take_best_first(
+        &self,
+        nodes: &mut Nodes<'_>,
+        subtrees: &[Subtree],
+        taking: &mut Taking,
+    ) -> Result<(), BlockingError> {
         let room = self.capacity - self.fan_out * CHILD_PAGE_WORDS;
-        let ranked = |subtree: Subtree| (self.tree.splits[subtree.split as usize].id, subtree);
-        let below = |split| children(self.tree, split).map(|split| ranked(Subtree { split, is_tree: false }));
-        let Filling { subtrees, taken, due, words, heap, .. } = filling;
-        taken.clear();
-        heap.clear();
-        *words = 0;
-        for &subtree in subtrees.iter() {
+        let mut heap: BinaryHeap<(u32, Subtree)> = BinaryHeap::new();
+        for &subtree in subtrees {
             if subtree.is_tree {
-                heap.push(ranked(subtree));
+                heap.push((nodes.get(subtree.split)?.id, subtree));
             } else {
-                taken.push(subtree.split);
-                *words += outline::split_words(self.tree, subtree.split);
-                heap.extend(below(subtree.split));
+                taking.words += nodes.split_words(subtree.split)?;
+                taking.taken.push(subtree);
+                push_children(nodes, subtree, &mut heap)?;
             }
         }
-        if taken.is_empty()
+        if taking.taken.is_empty()
             && let Some((_, greatest)) = heap.pop()
         {
             // A page holds something, however large.
-            taken.push(greatest.split);
-            *words = outline::split_words(self.tree, greatest.split);
-            heap.extend(below(greatest.split));
+            taking.taken.push(greatest);
+            taking.words = nodes.split_words(greatest.split)?;
+            push_children(nodes, greatest, &mut heap)?;
         }
-        *due = taken.len();
+        taking.due = taking.taken.len();
         while let Some((_, best)) = heap.pop()
-            && *words + RECORD_WORDS <= room
+            && taking.words + RECORD_WORDS <= room
         {
-            let needed = outline::split_words(self.tree, best.split);
-            if *words + needed <= room {
-                taken.push(best.split);
-                *words += needed;
-                heap.extend(below(best.split));
+            let needed = nodes.split_words(best.split)?;
+            if taking.words + needed <= room {
+                taking.taken.push(best);
+                taking.words += needed;
+                push_children(nodes, best, &mut heap)?;
             }
         }
-        taken.iter().for_each(|split| self.placed.insert(*split));
-    }
-
-    fn find_frontier(&self, filling: &mut Filling) {
-        let Filling { subtrees, taken, frontier, .. } = filling;
-        let trees = subtrees.iter().filter(|subtree| subtree.is_tree).copied();
-        let parts = taken.iter().flat_map(|split| children(self.tree, *split));
-        frontier.clear();
-        frontier.extend(trees.chain(parts.map(|split| Subtree { split, is_tree: false })));
-        frontier.retain(|subtree| !self.placed.contains(subtree.split));
-        // By born leaf is by leaf, since the subtrees' intervals are disjoint.
-        frontier.sort_unstable();
+        taking.sort_placed();
+        Ok(())
     }
 
     /// Cuts the frontier into groups, and gives their sizes.
-    fn cut(&self, filling: &Filling) -> Vec<usize> {
-        let frontier: Vec<Item> = filling.frontier.iter().map(|subtree| self.item(*subtree)).collect();
-        let total: u64 = frontier.iter().map(|item| item.weight).sum();
+    fn cut(&self, nodes: &mut Nodes<'_>, frontier: &[Subtree]) -> Result<Vec<usize>, BlockingError> {
+        let mut items = Vec::with_capacity(frontier.len());
+        for subtree in frontier {
+            items.push(item(nodes, *subtree)?);
+        }
+        let total: u64 = items.iter().map(|item| item.weight).sum();
         let due_at_most = self.capacity - self.fan_out * CHILD_PAGE_WORDS;
         let capacity = self.capacity as u64;
         let fan_out = self.fan_out as u64;
-        let count = |heaviest| groups(&frontier, heaviest, due_at_most).count() as u64;
+        let count = |heaviest| groups(&items, heaviest, due_at_most).count() as u64;
         let full_pages = count(capacity);
         let pages = total.div_ceil(capacity).max(full_pages);
         let wanted = if pages <= fan_out {
@@ -241,18 +190,31 @@ impl Forest<'_> {
                 too_little = middle;
             }
         }
-        groups(&frontier, enough, due_at_most).collect()
+        Ok(groups(&items, enough, due_at_most).collect())
     }
+}
 
-    fn item(&self, subtree: Subtree) -> Item {
-        let split = subtree.split;
-        let due = if subtree.is_tree {
-            0
-        } else {
-            outline::split_words(self.tree, split) + children(self.tree, split).count() * CHILD_PAGE_WORDS
-        };
-        Item { weight: self.weights[split as usize], due }
+fn push_children(
+    nodes: &mut Nodes<'_>,
+    subtree: Subtree,
+    heap: &mut BinaryHeap<(u32, Subtree)>,
+) -> Result<(), BlockingError> {
+    for child in nodes.children(subtree)?.into_iter().flatten() {
+        heap.push((nodes.get(child.split)?.id, child));
     }
+    Ok(())
+}
+
+fn find_frontier(nodes: &mut Nodes<'_>, subtrees: &[Subtree], taking: &mut Taking) -> Result<(), BlockingError> {
+    let mut frontier: Vec<Subtree> = subtrees.iter().filter(|subtree| subtree.is_tree).copied().collect();
+    for subtree in &taking.taken {
+        frontier.extend(nodes.children(*subtree)?.into_iter().flatten());
+    }
+    frontier.retain(|subtree| !taking.has(subtree.split));
+    // By born leaf is by leaf, since the subtrees' intervals are disjoint.
+    frontier.sort_unstable();
+    taking.frontier = frontier;
+    Ok(())
 }
 
 /// A subtree of the frontier that is to be grouped.
@@ -262,6 +224,12 @@ struct Item {
     weight: u64,
     /// Words that the page which gets it must have for it at once.
     due: usize,
+}
+
+fn item(nodes: &mut Nodes<'_>, subtree: Subtree) -> Result<Item, BlockingError> {
+    let children = nodes.children(subtree)?.into_iter().flatten().count();
+    let due = if subtree.is_tree { 0 } else { nodes.split_words(subtree.split)? + children * CHILD_PAGE_WORDS };
+    Ok(Item { weight: nodes.weight(subtree)?, due })
 }
 
 /// The sizes of the groups when each, from the first on, gets as many items as stay within `heaviest` words altogether

@@ -3,14 +3,11 @@
 //! Every tree begins a page, and so does every child of the L-th level of a page. On real trees such pages fill badly:
 //! with L = 5 two of five hold a single split, and the largest is nearly ten times the mean. It is here to be compared
 //! with.
-//!
-//! Linear time. Memory: 4 bytes for each leaf and 36 for each page; while it runs, 4 more for each leaf.
 
 use std::ops::RangeInclusive;
 
-use vdt::tree::Tree;
-
-use super::{BlockingError, Blocks, outline, root_page};
+use super::{BlockingError, Filled, fill_page};
+use crate::leaf_order::{Nodes, Subtree};
 
 /// How many levels a page may have. A page of 15 levels has up to 65,534 child entries, the most that 16 bits can tell.
 pub const LEVELS: RangeInclusive<u32> = 1..=15;
@@ -20,30 +17,16 @@ pub fn check_parameters(levels: u32) -> Result<(), BlockingError> {
     if LEVELS.contains(&levels) { Ok(()) } else { Err(BlockingError::Levels { levels }) }
 }
 
-/// Blocks `tree` into pages of `levels` levels.
-pub fn block(tree: &Tree, levels: u32) -> Result<Blocks, BlockingError> {
-    check_parameters(levels)?;
-    let split_count = outline::preorder(tree)?.len();
-    let mut blocks = Blocks { order: Vec::with_capacity(split_count), ..Blocks::default() };
-    // The roots of the pages, in the order of the pages.
-    let mut page_roots: Vec<u32> = tree.roots.iter().map(|root| root.split).collect();
-    blocks.pages.resize(page_roots.len(), root_page());
-    blocks.root_pages = page_roots.len() as u32;
-    let mut number = 0;
-    while let Some(&page_root) = page_roots.get(number) {
-        blocks.order.push(page_root);
-        let next_root = page_roots.len();
-        blocks.complete(tree, number, |child, level| {
-            let is_inside = level <= levels;
-            if !is_inside {
-                page_roots.push(child);
-            }
-            is_inside
-        });
-        for _ in next_root..page_roots.len() {
-            blocks.push_child(number);
+/// Fills a page with `levels` levels from a root on.
+pub(super) fn fill(nodes: &mut Nodes<'_>, root: Subtree, levels: u32) -> Result<Filled, BlockingError> {
+    let mut groups = Vec::new();
+    let mut filled = fill_page(nodes, vec![root], |child, level| {
+        let is_inside = level <= levels;
+        if !is_inside {
+            groups.push(vec![child]);
         }
-        number += 1;
-    }
-    Ok(blocks)
+        is_inside
+    })?;
+    filled.groups = groups;
+    Ok(filled)
 }

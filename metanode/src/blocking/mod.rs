@@ -2,33 +2,31 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | `outline` | walks a tree once, refuses one that cannot be written, and weighs its subtrees |
 //! | [`forest`] | each page a set of subtrees, filled by largest switch value first (design, 4) |
 //! | [`levels`] | each page a subtree of L levels, as in the paper |
 //!
-//! Both give the same thing, [`Blocks`]: for each page its splits in breadth-first order, the page's roots first. Pages
-//! are numbered breadth-first over the page tree, root pages first, so the children of a page have consecutive numbers.
-//! Memory: 4 bytes for each leaf and 36 for each page; while it is made, up to 9 bytes for each leaf on top, and what
-//! waits on one level of the page tree.
+//! Both fill one page after the other: each is handed a set of subtrees, takes splits of them, and hands what it leaves to
+//! its child pages. They look at the tree through `leaf_order::Nodes`, so it may be larger than memory.
 
 pub mod forest;
 pub mod levels;
-mod outline;
 
 use std::fmt;
 use std::str::FromStr;
 
-use storage::ByteSize;
+use storage::{ByteSize, StorageError};
 use thiserror::Error;
-use vdt::tree::{NO_SPLIT, Tree};
 
 use crate::header::Blocking;
-use crate::page::{NONE_32, PageCounts};
+use crate::leaf_order::{Nodes, Subtree};
 
 /// Why a tree cannot be blocked.
-#[derive(Debug, Error, PartialEq, Eq)]
+#[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum BlockingError {
+    /// The disk failed.
+    #[error(transparent)]
+    Storage(#[from] StorageError),
     /// The slot size asked for is out of range.
     #[error(
         "a meta-node of {slot_bytes} bytes cannot be: between {} and {} bytes, please",
@@ -63,156 +61,95 @@ pub enum BlockingError {
     },
 }
 
-/// One page: a stretch of [`Blocks::order`], and its place in the page tree.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Block {
-    /// Where its splits begin in [`Blocks::order`].
-    pub first_record: u32,
-    /// How many splits it has.
-    pub record_count: u32,
-    /// How many of the first are roots of the page: nodes whose parent's split is elsewhere, or that have no parent.
-    pub root_count: u32,
-    /// Children of its splits that split further.
-    pub entry_count: u32,
-    /// Triangles born by its splits.
-    pub triangle_count: u32,
-    /// Number of the parent page, [`NONE_32`] for a root page.
-    pub parent: u32,
-    /// Number of the first child page, 0 where there is none.
-    pub first_child: u32,
-    /// How many child pages it has.
-    pub child_count: u32,
-    /// Its level in the page tree; root pages are on level 1.
-    pub level: u32,
+/// A page that was filled: its splits, and what it leaves for its child pages.
+#[derive(Debug, Default)]
+pub(crate) struct Filled {
+    /// How many of its splits are at its roots: those whose parents are in another page, or that are roots of trees.
+    pub root_count: usize,
+    /// Its splits, the roots first, then breadth-first, the kept child before the born one.
+    pub records: Vec<Subtree>,
+    /// For each child page the subtrees that it is handed, by ascending leaf.
+    pub groups: Vec<Vec<Subtree>>,
 }
 
-impl Block {
-    fn new(parent: u32, level: u32) -> Self {
-        Block {
-            first_record: 0,
-            record_count: 0,
-            root_count: 0,
-            entry_count: 0,
-            triangle_count: 0,
-            parent,
-            first_child: 0,
-            child_count: 0,
-            level,
+impl Filled {
+    /// The splits at its roots, by ascending leaf.
+    pub fn roots(&self) -> &[Subtree] {
+        &self.records[..self.root_count]
+    }
+}
+
+/// Puts the splits below `roots` for which `is_inside` holds behind them, breadth-first. It is asked once for each child
+/// of a split of the page that splits further, with the child's level in the page; the roots are on level 1.
+fn fill_page(
+    nodes: &mut Nodes<'_>,
+    roots: Vec<Subtree>,
+    mut is_inside: impl FnMut(Subtree, u32) -> bool,
+) -> Result<Filled, BlockingError> {
+    let mut filled = Filled { root_count: roots.len(), records: roots, groups: Vec::new() };
+    let (mut next, mut level, mut level_end) = (0, 1, filled.root_count);
+    while let Some(&subtree) = filled.records.get(next) {
+        if next == level_end {
+            level += 1;
+            level_end = filled.records.len();
         }
-    }
-
-    /// The counts that fix the page's size.
-    pub fn counts(&self) -> PageCounts {
-        PageCounts {
-            children: self.child_count as usize,
-            records: self.record_count as usize,
-            entries: self.entry_count as usize,
-            triangles: self.triangle_count as usize,
-        }
-    }
-}
-
-/// A blocked tree.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Blocks {
-    /// Every split once, by born leaf: page by page, breadth-first within the page.
-    pub order: Vec<u32>,
-    /// The pages by number: root pages first, then breadth-first.
-    pub pages: Vec<Block>,
-    /// How many root pages there are.
-    pub root_pages: u32,
-}
-
-impl Blocks {
-    /// The splits of a page in the order of its records.
-    pub fn records(&self, page: &Block) -> &[u32] {
-        &self.order[page.first_record as usize..][..page.record_count as usize]
-    }
-
-    /// The splits at the roots of a page, by ascending leaf.
-    pub fn page_roots(&self, page: &Block) -> &[u32] {
-        &self.records(page)[..page.root_count as usize]
-    }
-
-    /// The child pages of a page.
-    pub fn children(&self, page: &Block) -> &[Block] {
-        &self.pages[page.first_child as usize..][..page.child_count as usize]
-    }
-
-    /// Completes page `number`, whose roots, by ascending leaf, are those splits of `order` that no page has yet: puts
-    /// the splits below them for which `is_inside` holds behind them, breadth-first. It is asked once for each child of
-    /// a split of the page that splits further, with the child's level in the page; the roots are on level 1.
-    fn complete(&mut self, tree: &Tree, number: usize, mut is_inside: impl FnMut(u32, u32) -> bool) {
-        let first = match number.checked_sub(1).map(|before| &self.pages[before]) {
-            Some(before) => before.first_record + before.record_count,
-            None => 0,
-        };
-        let root_count = self.order.len() as u32 - first;
-        let mut page = Block { first_record: first, root_count, ..self.pages[number] };
-        let (mut next, mut level, mut level_end) = (first as usize, 1, self.order.len());
-        while let Some(&split) = self.order.get(next) {
-            if next == level_end {
-                level += 1;
-                level_end = self.order.len();
+        for child in nodes.children(subtree)?.into_iter().flatten() {
+            if is_inside(child, level + 1) {
+                filled.records.push(child);
             }
-            for child in children(tree, split) {
-                page.entry_count += 1;
-                if is_inside(child, level + 1) {
-                    self.order.push(child);
-                }
-            }
-            page.triangle_count += tree.triangles.of(split).len() as u32;
-            next += 1;
         }
-        page.record_count = next as u32 - first;
-        self.pages[number] = page;
+        next += 1;
+    }
+    Ok(filled)
+}
+
+/// A blocking, page by page.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Filler {
+    /// By `forest`.
+    Forest(forest::Slot),
+    /// By `levels`.
+    Levels(u32),
+}
+
+impl Filler {
+    /// Of a blocking that can be.
+    pub fn new(blocking: Blocking) -> Self {
+        match blocking {
+            Blocking::Forest { slot_bytes, fan_out } => Filler::Forest(forest::Slot::new(slot_bytes, fan_out)),
+            Blocking::Levels { levels } => Filler::Levels(levels),
+        }
     }
 
-    /// Appends an unfinished child page of page `parent`, whose children so far are the last pages there are.
-    fn push_child(&mut self, parent: usize) {
-        let number = self.pages.len() as u32;
-        let page = &mut self.pages[parent];
-        if page.child_count == 0 {
-            page.first_child = number;
+    /// What the root pages are handed, from the trees by ascending leaf.
+    pub fn root_groups(self, trees: Vec<Subtree>) -> Vec<Vec<Subtree>> {
+        match self {
+            Filler::Forest(_) if trees.is_empty() => Vec::new(),
+            Filler::Forest(_) => vec![trees],
+            Filler::Levels(_) => trees.into_iter().map(|tree| vec![tree]).collect(),
         }
-        page.child_count += 1;
-        let level = page.level + 1;
-        self.pages.push(Block::new(parent as u32, level));
+    }
+
+    /// Fills a page from what it was handed.
+    pub fn fill(self, nodes: &mut Nodes<'_>, group: Vec<Subtree>) -> Result<Filled, BlockingError> {
+        match self {
+            Filler::Forest(slot) => slot.fill(nodes, group),
+            // A page of this kind is handed one subtree.
+            Filler::Levels(levels) => match group.first() {
+                Some(root) => levels::fill(nodes, *root, levels),
+                None => Ok(Filled::default()),
+            },
+        }
     }
 }
 
-/// The children of a split that split further, the kept one first.
-fn children(tree: &Tree, split: u32) -> impl Iterator<Item = u32> {
-    let node = &tree.splits[split as usize];
-    [node.kept, node.born].into_iter().filter(|child| *child != NO_SPLIT)
-}
-
-/// Whether a blocking with these parameters can be: what [`block`] asks first, for those who want to know before they
-/// have a tree.
+/// Whether a blocking with these parameters can be: for those who want to know before they have a
+/// tree.
 pub fn check_parameters(blocking: Blocking) -> Result<(), BlockingError> {
     match blocking {
         Blocking::Forest { slot_bytes, fan_out } => forest::check_parameters(slot_bytes, fan_out),
         Blocking::Levels { levels } => levels::check_parameters(levels),
     }
-}
-
-/// Blocks `tree` as `blocking` says.
-pub fn block(tree: &Tree, blocking: Blocking) -> Result<Blocks, BlockingError> {
-    match blocking {
-        Blocking::Forest { slot_bytes, fan_out } => forest::block(tree, slot_bytes, fan_out),
-        Blocking::Levels { levels } => levels::block(tree, levels),
-    }
-}
-
-/// The index of the tree whose root is `split`, where it is one.
-pub(crate) fn tree_of_root(tree: &Tree, split: u32) -> Option<usize> {
-    let index = tree.roots.partition_point(|root| root.start <= split).checked_sub(1)?;
-    (tree.roots[index].split == split).then_some(index)
-}
-
-/// A root page.
-fn root_page() -> Block {
-    Block::new(NONE_32, 1)
 }
 
 impl fmt::Display for Blocking {

@@ -209,6 +209,16 @@ pub enum MeshError {
         /// What can be done about it.
         advice: String,
     },
+    /// The file, with those before it, holds more elements than there are numbers for.
+    #[error("{}: more than {most} {kind} cannot be numbered in 32 bits; cut the mesh into parts", path.display())]
+    TooMany {
+        /// The file in question.
+        path: PathBuf,
+        /// What there is too much of: "vertices" or "triangles".
+        kind: &'static str,
+        /// How many there may be.
+        most: u64,
+    },
     /// The mesh does not fit in the memory that the caller allows.
     #[error(
         "{}: {vertices} vertices and {triangles} triangles need {needed} of RAM, and {limit} are allowed; \

@@ -11,32 +11,23 @@
 //! that the construction went through, corner for corner, and uniform cuts need no forced split. (The legality tests also
 //! read the star of the vertex that stays. To be monotone over that too was measured: switch values 3 to 8 % larger, and
 //! on three scans not one edge of the uniform cuts less used twice.)
+//!
+//! What a collapse reads are the stars of its two ends, their quadrics and nodes, and positions; what it writes are the
+//! stars of the ring of the vertex that goes, and the vertex that stays. External passes rest on that (`unsettled`).
 
-use crate::ingest::CoreMesh;
+use crate::tree::{NormalCone, enclosing_cone, enclosing_radius};
 
-use super::History;
-use super::end_phase::Parts;
 use super::legality::{Rings, Verdict};
-use super::live_mesh::LiveMesh;
+use super::live_mesh::{LiveMesh, Vertex};
+use super::log::LoggedCollapse;
 use super::metric::CollapseMetric;
 
 /// Switch values start here, in units of the normalised mesh (which is between a half and one wide): flat regions have
 /// no error but rounding noise, and "split where the switch value is above 0" must still split everything.
 const SMALLEST_SWITCH: f32 = 1.0 / (1_u64 << 33) as f32;
 
-/// A collapse, as the history has it. Vertices are named by canonical ids.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Collapse {
-    /// The vertex that stays, and gives the new node its position.
-    pub kept: u32,
-    /// The vertex that goes: born again when the node is split.
-    pub born: u32,
-    /// Switch value of the new node, in mesh units.
-    pub switch: f32,
-}
-
 /// An edge that waits for its collapse. Ordered by key, then by a hash of the canonical ids (in id order, flat regions
-/// would be eaten up from one side), then by the ids.
+/// would be eaten up from one side), then by the ids: local ones, which keep the order of the canonical ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Candidate {
     /// Bits of the key, an f32 that is not negative: they order as the keys do.
@@ -51,17 +42,26 @@ pub(super) struct Candidate {
 const DEARER: u32 = 1 << 31;
 
 impl Candidate {
+    /// The cheaper direction of an edge between two vertices, by their local and canonical ids.
+    #[inline]
+    pub fn of(ends: [u32; 2], canonical: [u32; 2], key: u32) -> Self {
+        let [low, high] = if ends[0] < ends[1] { ends } else { [ends[1], ends[0]] };
+        let tie = hash_pair(canonical[0].min(canonical[1]), canonical[0].max(canonical[1]));
+        Candidate { key, tie, low, high }
+    }
+
     /// Its two ends, the smaller one first.
+    #[inline]
     pub fn vertices(&self) -> (u32, u32) {
         (self.low, self.high & !DEARER)
     }
 
-    fn is_dearer(&self) -> bool {
+    pub fn is_dearer(&self) -> bool {
         self.high & DEARER != 0
     }
 
     /// The same candidate at the key of the dearer direction.
-    fn dearer(self, key: u32) -> Self {
+    pub fn dearer(self, key: u32) -> Self {
         Candidate { key, high: self.high | DEARER, ..self }
     }
 }
@@ -79,20 +79,20 @@ pub(super) struct Directions {
 pub(super) enum Outcome {
     /// One of its ends is gone, or the edge is.
     Gone,
-    /// Its key has grown: to be tried again at the new one.
+    /// Its key has grown: it is to wait as this.
     Grown(Candidate),
-    /// Not legal this way; the other direction may be tried.
+    /// The cheaper direction is not legal: the other one is to wait as this.
     OtherWay(Candidate),
-    /// Not legal in either direction.
+    /// Neither direction is legal, as things stand.
     Illegal,
-    /// Collapsed onto this vertex.
+    /// Done: an end is gone, and this one is left.
     Collapsed {
-        /// The vertex that stayed.
+        /// The vertex that is left.
         stays: u32,
     },
 }
 
-/// Which rules a collapse must keep.
+/// What a collapse has to pass.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Rules {
     /// All legality tests.
@@ -101,23 +101,37 @@ pub(super) enum Rules {
     Relaxed,
 }
 
-/// The mesh being simplified, with everything written down so far.
+/// A component in the end phase, watched for the moment at which its last triangle vanishes.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Watched {
+    /// Triangles that are left of it.
+    pub triangles: u32,
+    /// Diameter of the component, normalised: the diagonal of the box of its vertices in the input.
+    pub diameter: f32,
+}
+
+/// A mesh being simplified, or a part of it, with what was written down of late.
+#[derive(Debug)]
 pub(super) struct Engine<M> {
     pub mesh: LiveMesh,
-    metric: M,
+    pub metric: M,
     rules: Rules,
-    parts: Parts,
+    /// The component that the end phase is at.
+    pub watched: Watched,
     rings: Rings,
     dead: Vec<(u32, u32)>,
-    round: u32,
-    collapses: Vec<Collapse>,
-    death: Vec<u32>,
-    regular: Vec<bool>,
+    /// The round that goes on.
+    pub round: u32,
+    /// Collapses that the caller has yet to take away.
+    pub collapses: Vec<LoggedCollapse>,
+    /// Deaths that the caller has yet to take away: triangle, vertex born by the collapse.
+    pub deaths: Vec<(u32, u32)>,
     /// Mesh units per normalised unit.
     unit: f64,
 }
 
 /// A hash of two numbers, the same for either order when the caller sorts them. (The finaliser of SplitMix64.)
+#[inline]
 pub(super) fn hash_pair(low: u32, high: u32) -> u32 {
     let mut bits = (u64::from(low) << 32 | u64::from(high)).wrapping_add(0x9e37_79b9_7f4a_7c15);
     bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -126,63 +140,47 @@ pub(super) fn hash_pair(low: u32, high: u32) -> u32 {
 }
 
 impl<M: CollapseMetric> Engine<M> {
-    pub fn new(mesh: &CoreMesh, metric: M) -> Self {
-        let live = LiveMesh::new(mesh, metric.uses_quadrics());
-        let regular = live.vertices.iter().map(|vertex| !vertex.is_special()).collect();
+    /// An engine for (parts of) a mesh that is at most 2^exponent wide.
+    pub fn new(mesh: LiveMesh, metric: M, exponent: i32) -> Self {
         Engine {
-            mesh: live,
+            mesh,
             metric,
             rules: Rules::Strict,
-            parts: Parts::default(),
+            watched: Watched::default(),
             rings: Rings::default(),
             dead: Vec::new(),
             round: 0,
-            collapses: Vec::with_capacity(mesh.positions.len()),
-            death: vec![u32::MAX; mesh.triangles.len()],
-            regular,
-            unit: crate::ingest::power_of_two(mesh.exponent),
+            collapses: Vec::new(),
+            deaths: Vec::new(),
+            unit: crate::ingest::power_of_two(exponent),
         }
     }
 
-    pub fn collapse_count(&self) -> usize {
-        self.collapses.len()
-    }
-
-    pub fn collapses(&self) -> &[Collapse] {
-        &self.collapses
-    }
-
-    pub fn round(&self) -> u32 {
-        self.round
-    }
-
-    /// Share of the vertices that are gone.
-    pub fn share_done(&self) -> f64 {
-        self.collapses.len() as f64 / self.regular.len().max(1) as f64
-    }
-
-    /// From now on no legality is asked, and parts are watched for the moment at which they vanish.
-    pub fn relax(&mut self, parts: Parts) {
+    /// From now on no legality is asked, and what is watched counts.
+    pub fn relax(&mut self) {
         self.rules = Rules::Relaxed;
-        self.parts = parts;
     }
 
-    pub fn next_round(&mut self) -> u32 {
-        self.round += 1;
-        self.mesh.compact();
-        self.round
+    /// Mesh units per normalised unit.
+    pub fn unit(&self) -> f64 {
+        self.unit
+    }
+
+    /// The key bits of the edge between two vertices: of the first one's going, and of the second one's.
+    #[inline(always)]
+    pub fn edge_keys(&self, a: &Vertex, b: &Vertex) -> [u32; 2] {
+        let d: [f32; 3] = std::array::from_fn(|axis| b.position[axis] - a.position[axis]);
+        self.metric.keys(&a.quadric, &b.quadric, d).map(f32::to_bits)
     }
 
     /// Both directions of the edge between two vertices.
     #[inline]
     pub fn directions(&self, a: u32, b: u32) -> Directions {
-        let d = self.mesh.displacement(a, b);
-        let back = [-d[0], -d[1], -d[2]];
-        let (vertex_a, vertex_b) = (&self.mesh.vertices[a as usize], &self.mesh.vertices[b as usize]);
-        let a_onto_b = (self.metric.key(&vertex_a.quadric, &vertex_b.quadric, d).to_bits(), a, b);
-        let b_onto_a = (self.metric.key(&vertex_b.quadric, &vertex_a.quadric, back).to_bits(), b, a);
-        // Equal keys: the larger id goes.
-        if (a_onto_b.0, b) < (b_onto_a.0, a) {
+        let [first, second] = [a, b].map(|end| &self.mesh.vertices[end as usize]);
+        let [key_a, key_b] = self.edge_keys(first, second);
+        let (a_onto_b, b_onto_a) = ((key_a, a, b), (key_b, b, a));
+        // Equal keys: the larger canonical id goes. (Local ids do not keep the order everywhere, see `spanned`.)
+        if (key_a, second.id) < (key_b, first.id) {
             Directions { cheaper: a_onto_b, dearer: b_onto_a }
         } else {
             Directions { cheaper: b_onto_a, dearer: a_onto_b }
@@ -191,20 +189,14 @@ impl<M: CollapseMetric> Engine<M> {
 
     /// The candidate for the cheaper direction of an edge.
     #[inline]
-    pub fn candidate(&self, directions: &Directions) -> Candidate {
-        let (key, a, b) = directions.cheaper;
-        let (low, high) = (a.min(b), a.max(b));
-        let canonical = |vertex: u32| self.mesh.canonical_vertex[vertex as usize];
-        Candidate { key, tie: hash_pair(canonical(low), canonical(high)), low, high }
+    pub fn candidate(&self, a: u32, b: u32) -> Candidate {
+        let ends = [a, b].map(|end| &self.mesh.vertices[end as usize]);
+        let keys = self.edge_keys(ends[0], ends[1]);
+        Candidate::of([a, b], ends.map(|end| end.id), keys[0].min(keys[1]))
     }
 
-    /// The candidate for the dearer direction of an edge.
-    pub fn dearer_candidate(&self, directions: &Directions) -> Candidate {
-        self.candidate(directions).dearer(directions.dearer.0)
-    }
-
-    /// The turn of a candidate has come.
-    pub fn attempt(&mut self, candidate: Candidate) -> Outcome {
+    /// The turn of a candidate has come. `order` is what a collapse has as its place in the build order, in its round.
+    pub fn attempt(&mut self, candidate: Candidate, order: u32) -> Outcome {
         let (low, high) = candidate.vertices();
         if self.mesh.vertices[low as usize].is_gone() || self.mesh.vertices[high as usize].is_gone() {
             return Outcome::Gone;
@@ -216,8 +208,7 @@ impl<M: CollapseMetric> Engine<M> {
         }
         let verdict = match self.rules {
             Rules::Strict => self.rings.judge(&self.mesh, gone, stays),
-            Rules::Relaxed if self.mesh.edge_use(gone, stays).is_unused() => Verdict::NoEdge,
-            Rules::Relaxed => Verdict::Legal,
+            Rules::Relaxed => self.rings.look(&self.mesh, gone, stays),
         };
         match verdict {
             Verdict::Legal => {}
@@ -225,77 +216,96 @@ impl<M: CollapseMetric> Engine<M> {
             Verdict::Illegal if candidate.is_dearer() => return Outcome::Illegal,
             Verdict::Illegal => return Outcome::OtherWay(candidate.dearer(candidate.key.max(directions.dearer.0))),
         }
-        self.collapse(gone, stays);
+        self.collapse(gone, stays, order);
         Outcome::Collapsed { stays }
     }
 
-    fn collapse(&mut self, gone: u32, stays: u32) {
+    /// Collapses `gone`, whose ring is at hand, onto `stays`.
+    fn collapse(&mut self, gone: u32, stays: u32, order: u32) {
         let d = self.mesh.displacement(gone, stays);
         let gone_quadric = self.mesh.vertices[gone as usize].quadric;
         let own = self.metric.error(&gone_quadric, &self.mesh.vertices[stays as usize].quadric, d);
         let own = match self.rules {
             Rules::Strict => own,
-            Rules::Relaxed => own.max(end_phase_error(&self.mesh, gone, stays)),
+            Rules::Relaxed => own.max(end_phase_error(&self.mesh, gone, stays, &self.rings.gone)),
         };
-        let nodes = self.mesh.node_switch[gone as usize].max(self.mesh.node_switch[stays as usize]);
+        let born = self.mesh.nodes[gone as usize];
+        let kept = self.mesh.nodes[stays as usize];
         let star = self.mesh.star(gone).iter();
-        let rewriters = star.map(|triangle| self.mesh.triangle_switch[*triangle as usize]).fold(0.0, f32::max);
-        let lost = self.mesh.star_switch[gone as usize];
-        let mut switch = own.max(nodes).max(rewriters).max(lost).max(SMALLEST_SWITCH);
+        let rewriters = star.map(|triangle| self.mesh.triangles[*triangle as usize].switch).fold(0.0, f32::max);
+        let mut switch =
+            own.max(born.switch).max(kept.switch).max(rewriters).max(born.star_switch).max(SMALLEST_SWITCH);
+        if self.rules == Rules::Relaxed {
+            let lost = self.rings.gone.iter().filter(|pair| pair.contains(&stays)).count() as u32;
+            self.watched.triangles -= lost;
+            if self.watched.triangles == 0 {
+                switch = switch.max(self.watched.diameter);
+            }
+        }
 
         let stays_quadric = &mut self.mesh.vertices[stays as usize].quadric;
         self.metric.merge(&gone_quadric, stays_quadric, d);
-        self.mesh.touch_ring(gone, self.round);
-        let moved = self.mesh.contract(gone, stays, &mut self.dead);
-
-        let [gone_id, stays_id] = [gone, stays].map(|vertex| self.mesh.canonical_vertex[vertex as usize]);
-        switch = switch.max(self.parts.lose(stays_id, self.dead.len()));
-        self.mesh.node_switch[stays as usize] = switch;
-        let collapse = self.collapses.len() as u32;
+        self.mesh.touch(gone, self.round);
+        self.mesh.touch(stays, self.round);
+        for corner in self.rings.gone.as_flattened() {
+            self.mesh.touch(*corner, self.round);
+        }
+        self.mesh.contract(gone, stays, &self.rings.gone, switch, &mut self.dead);
         for (triangle, apex) in &self.dead {
-            self.death[self.mesh.canonical_triangle[*triangle as usize] as usize] = collapse;
-            let lost = &mut self.mesh.star_switch[*apex as usize];
+            self.deaths.push((self.mesh.triangle_ids[*triangle as usize], born.id));
+            let lost = &mut self.mesh.nodes[*apex as usize].star_switch;
             *lost = lost.max(switch);
         }
-        self.mesh.rewrite_last(stays, moved, switch);
-        self.collapses.push(Collapse { kept: stays_id, born: gone_id, switch: self.in_mesh_units(switch) });
+        self.write_down(gone, stays, switch, order);
     }
 
-    /// The parts that the end phase watches.
-    pub fn parts_mut(&mut self) -> &mut Parts {
-        &mut self.parts
+    /// Makes the node of `gone` a child of that of `stays`, and logs it.
+    fn write_down(&mut self, gone: u32, stays: u32, switch: f32, order: u32) {
+        let born = self.mesh.nodes[gone as usize];
+        let node = &mut self.mesh.nodes[stays as usize];
+        let radius = enclosing_radius(node.position, node.radius, born.position, born.radius);
+        let cone = enclosing_cone(NormalCone::from_word(node.cone), NormalCone::from_word(born.cone)).to_word();
+        self.collapses.push(LoggedCollapse {
+            kept: node.id,
+            born: born.id,
+            kept_leaves: node.leaves,
+            kept_split: node.last_split,
+            born_split: born.last_split,
+            round: self.round,
+            key: order,
+            switch: in_mesh_units(switch, self.unit),
+            radius,
+            cone,
+        });
+        node.switch = switch;
+        node.last_split = node.leaves;
+        node.leaves += born.leaves;
+        node.radius = radius;
+        node.cone = cone;
     }
 
-    /// Writes down the union of two vertices that no triangle is left at (the end of the end phase). The switch value
-    /// is in mesh units.
-    pub fn join(&mut self, kept: u32, born: u32, switch: f32) {
-        self.collapses.push(Collapse { kept, born, switch });
+    /// Unites two vertices at which no triangle is left (the end of the end phase). The switch value is normalised.
+    pub fn join(&mut self, kept: u32, born: u32, switch: f32, order: u32) {
+        self.write_down(born, kept, switch, order);
     }
+}
 
-    /// A power of two, so the order of switch values survives; where the mesh is so small that they would vanish, the
-    /// smallest number that does not.
-    pub fn in_mesh_units(&self, switch: f32) -> f32 {
-        ((f64::from(switch) * self.unit) as f32).clamp(f32::MIN_POSITIVE, f32::MAX)
-    }
-
-    pub fn into_history(self, legal: usize, rounds: u32) -> History {
-        History { collapses: self.collapses, death: self.death, regular: self.regular, legal, rounds }
-    }
+/// A power of two, so the order of switch values survives; where the mesh is so small that they would vanish, the
+/// smallest number that does not.
+fn in_mesh_units(switch: f32, unit: f64) -> f32 {
+    ((f64::from(switch) * unit) as f32).clamp(f32::MIN_POSITIVE, f32::MAX)
 }
 
 /// How far a collapse without legality tests can move or swallow the surface: the length of the edge, and of the
 /// longest side of every triangle that vanishes with it (nothing may be left where it was).
-fn end_phase_error(mesh: &LiveMesh, gone: u32, stays: u32) -> f32 {
+fn end_phase_error(mesh: &LiveMesh, gone: u32, stays: u32, ring: &[[u32; 2]]) -> f32 {
     let length = |a: u32, b: u32| {
         let d = mesh.displacement(a, b);
         (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt()
     };
     let mut longest = length(gone, stays);
-    for triangle in mesh.star(gone) {
-        let [a, b] = mesh.others(*triangle, gone);
-        if a == stays || b == stays {
-            longest = longest.max(length(gone, a)).max(length(gone, b)).max(length(a, b));
-        }
+    for [a, b] in ring.iter().filter(|pair| pair.contains(&stays)) {
+        longest = longest.max(length(gone, *a)).max(length(gone, *b)).max(length(*a, *b));
     }
     longest
 }

@@ -1,140 +1,112 @@
 //! Brings what no legal collapse can reduce down to one root per component: closed parts that ended as tetrahedra, loops
 //! around holes, non-manifold knots (design, section 3).
 //!
-//! It begins at a point that the state defines, when no legal candidate is left, never "when it fits in memory". The
-//! same rounds go on without legality tests, until no triangle is left. The collapse with which the last triangle of a
-//! connected part vanishes has the part's diameter as its switch value: its error is its size. What is then left of a
-//! part, single vertices, is joined to one root, neighbours in canonical order first.
+//! It begins at a point that the state defines, when no legal candidate is left, never "when it fits in memory". Each
+//! component is taken alone: cheapest edge first, edges made on the way included, without legality tests, until it has no
+//! triangle left. The collapse with which its last triangle vanishes has the component's diameter as its switch value:
+//! its error is its size. What is then left, single vertices, is joined to one root, neighbours in canonical order first,
+//! so that the tree stays flat.
+//!
+//! What happens to a component depends on nothing but what is left of it. So components can be taken in any order, and
+//! only one has to be in memory as a whole.
 
-use crate::ingest::{CoreMesh, power_of_two};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
 
-use super::collapse::Engine;
+use super::collapse::{Candidate, Engine, Outcome, Watched};
+use super::components::Components;
+use super::log::LoggedRoot;
 use super::metric::CollapseMetric;
-use super::rounds;
 
-/// The connected parts of a mesh, watched for the moment at which they vanish.
-#[derive(Debug, Default)]
-pub(super) struct Parts {
-    /// Part of each canonical vertex; empty before the end phase.
-    part_of: Vec<u32>,
-    /// Triangles left of each part.
-    triangles: Vec<u32>,
-    /// Diameter of each part, normalised: the diagonal of the box of its vertices in the input.
-    diameter: Vec<f32>,
+/// Runs the end phase on the components for which `is_taken` holds, of which all that is left is in the engine's mesh, and
+/// appends their roots. `round` is the number under which its collapses are logged. `after_component` takes away what was
+/// written down.
+pub(super) fn run<M: CollapseMetric, E>(
+    engine: &mut Engine<M>,
+    components: &Components,
+    is_taken: impl Fn(u32) -> bool,
+    round: u32,
+    roots: &mut Vec<LoggedRoot>,
+    mut after_component: impl FnMut(&mut Engine<M>) -> Result<(), E>,
+) -> Result<(), E> {
+    engine.relax();
+    engine.round = round;
+    let mut vertices: Vec<(u32, u32)> = (0..engine.mesh.vertices.len() as u32)
+        .filter(|vertex| !engine.mesh.vertices[*vertex as usize].is_gone())
+        .map(|vertex| (components.of(engine.mesh.nodes[vertex as usize].label), vertex))
+        .filter(|(component, _)| is_taken(*component))
+        .collect();
+    vertices.sort_unstable();
+    let mut triangles: Vec<(u32, u32)> = (0..engine.mesh.triangles.len())
+        .filter(|triangle| engine.mesh.is_live(*triangle))
+        .map(|triangle| {
+            let corner = engine.mesh.triangles[triangle].corners[0];
+            (components.of(engine.mesh.nodes[corner as usize].label), triangle as u32)
+        })
+        .filter(|(component, _)| is_taken(*component))
+        .collect();
+    triangles.sort_unstable();
+    let mut triangles = triangles.chunk_by(|a, b| a.0 == b.0).peekable();
+    let mut heap = BinaryHeap::new();
+    for vertices in vertices.chunk_by(|a, b| a.0 == b.0) {
+        let component = vertices[0].0;
+        let triangles = triangles.next_if(|triangles| triangles[0].0 == component).unwrap_or_default();
+        let diameter = (components.diameter(component) / engine.unit()) as f32;
+        engine.watched = Watched { triangles: triangles.len() as u32, diameter };
+        let mut order = 0;
+        collapse_all(engine, triangles, &mut heap, &mut order);
+        let root = join_remains(engine, vertices, &mut order);
+        let node = &engine.mesh.nodes[root as usize];
+        let (vertex, leaves, split) = (node.id, node.leaves, node.last_split);
+        roots.push(LoggedRoot { vertex, leaves, split, outward: components.outward(component) });
+        after_component(engine)?;
+    }
+    Ok(())
 }
 
-impl Parts {
-    /// Takes `count` triangles off the part of a vertex. Returns the least switch value of the collapse that did it:
-    /// the part's diameter when it has vanished, else 0.
-    pub fn lose(&mut self, vertex: u32, count: usize) -> f32 {
-        let Some(part) = self.part_of.get(vertex as usize) else { return 0.0 };
-        let left = &mut self.triangles[*part as usize];
-        *left -= count as u32;
-        if *left == 0 { self.diameter[*part as usize] } else { 0.0 }
-    }
-
-    /// The parts of what is left of the mesh, with the diameters that they had in the input.
-    fn of<M: CollapseMetric>(engine: &Engine<M>, input: &CoreMesh) -> Self {
-        let mesh = &engine.mesh;
-        let mut sets = DisjointSets::new(mesh.vertices.len());
-        for corners in (0..mesh.triangles.len()).filter(|t| mesh.is_live(*t)).map(|t| mesh.triangles[t]) {
-            sets.unite(corners[0], corners[1]);
-            sets.unite(corners[0], corners[2]);
+/// Collapses edges, the cheapest first, until no triangle of the component is left. `order` counts collapses.
+fn collapse_all<M: CollapseMetric>(
+    engine: &mut Engine<M>,
+    triangles: &[(u32, u32)],
+    heap: &mut BinaryHeap<Reverse<Candidate>>,
+    order: &mut u32,
+) {
+    heap.clear();
+    for (_, triangle) in triangles {
+        let corners = engine.mesh.triangles[*triangle as usize].corners;
+        for side in 0..3 {
+            heap.push(Reverse(engine.candidate(corners[side], corners[(side + 1) % 3])));
         }
-        // Parts are numbered by their smallest canonical vertex that is left.
-        let mut part_of_local = vec![u32::MAX; mesh.vertices.len()];
-        let mut part_of = vec![u32::MAX; input.positions.len()];
-        let mut parts = 0;
-        for vertex in (0..mesh.vertices.len() as u32).filter(|vertex| !mesh.vertices[*vertex as usize].is_gone()) {
-            let representative = sets.find(vertex) as usize;
-            if part_of_local[representative] == u32::MAX {
-                part_of_local[representative] = parts;
-                parts += 1;
+    }
+    let mut ring = Vec::new();
+    while let Some(Reverse(candidate)) = heap.pop() {
+        match engine.attempt(candidate, *order) {
+            Outcome::Gone | Outcome::Illegal => {}
+            Outcome::Grown(again) | Outcome::OtherWay(again) => heap.push(Reverse(again)),
+            Outcome::Collapsed { stays } => {
+                *order += 1;
+                // The quadric of `stays` has changed, and with it the keys of all its edges.
+                engine.mesh.fill_ring(stays, &mut ring);
+                for other in ring.as_flattened() {
+                    heap.push(Reverse(engine.candidate(stays, *other)));
+                }
             }
-            part_of[mesh.canonical_vertex[vertex as usize] as usize] = part_of_local[representative];
         }
-        let mut triangles = vec![0; parts as usize];
-        for corners in (0..mesh.triangles.len()).filter(|t| mesh.is_live(*t)).map(|t| mesh.triangles[t]) {
-            triangles[part_of[mesh.canonical_vertex[corners[0] as usize] as usize] as usize] += 1;
-        }
-        // A vertex that is gone belongs to the part of the one that it went to, which went later or is left.
-        for collapse in engine.collapses().iter().rev() {
-            part_of[collapse.born as usize] = part_of[collapse.kept as usize];
-        }
-        let mut boxes = vec![([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]); parts as usize];
-        for (part, position) in part_of.iter().zip(&input.positions) {
-            let (minimum, maximum) = &mut boxes[*part as usize];
-            for axis in 0..3 {
-                minimum[axis] = minimum[axis].min(position[axis]);
-                maximum[axis] = maximum[axis].max(position[axis]);
-            }
-        }
-        let diagonal = |(minimum, maximum): &([f32; 3], [f32; 3])| {
-            let square = |axis: usize| {
-                let extent = f64::from(maximum[axis]) - f64::from(minimum[axis]);
-                extent * extent
-            };
-            ((square(0) + square(1) + square(2)).sqrt() / power_of_two(input.exponent)) as f32
-        };
-        Parts { part_of, triangles, diameter: boxes.iter().map(diagonal).collect() }
     }
 }
 
-/// Union-find with path halving; the smaller number represents.
-struct DisjointSets {
-    parent: Vec<u32>,
-}
-
-impl DisjointSets {
-    fn new(count: usize) -> Self {
-        DisjointSets { parent: (0..count as u32).collect() }
-    }
-
-    fn find(&mut self, mut element: u32) -> u32 {
-        while self.parent[element as usize] != element {
-            let grandparent = self.parent[self.parent[element as usize] as usize];
-            self.parent[element as usize] = grandparent;
-            element = grandparent;
+/// Joins the vertices that are left of a component to one root, and names it.
+fn join_remains<M: CollapseMetric>(engine: &mut Engine<M>, vertices: &[(u32, u32)], order: &mut u32) -> u32 {
+    let is_left = |vertex: &u32| !engine.mesh.vertices[*vertex as usize].is_gone();
+    let mut remains: Vec<u32> = vertices.iter().map(|(_, vertex)| *vertex).filter(is_left).collect();
+    let own = remains.iter().map(|vertex| engine.mesh.nodes[*vertex as usize].switch).fold(0.0, f32::max);
+    let switch = own.max(engine.watched.diameter);
+    while remains.len() > 1 {
+        for pair in remains.chunks_exact(2) {
+            engine.join(pair[0], pair[1], switch, *order);
+            *order += 1;
         }
-        element
+        remains = remains.into_iter().step_by(2).collect();
     }
-
-    fn unite(&mut self, a: u32, b: u32) {
-        let (a, b) = (self.find(a), self.find(b));
-        self.parent[a.max(b) as usize] = a.min(b);
-    }
-}
-
-/// Runs the end phase on what is left of `input`.
-pub(super) fn run<M: CollapseMetric>(engine: &mut Engine<M>, input: &CoreMesh, progress: &mut dyn FnMut(f64)) {
-    engine.relax(Parts::of(engine, input));
-    rounds::run(engine, progress);
-    join_remains(engine);
-}
-
-/// Joins the vertices that are left of each part to one root: neighbours in canonical order, then the results, and so
-/// on, so that the tree stays flat. No triangle is left to be moved by that.
-fn join_remains<M: CollapseMetric>(engine: &mut Engine<M>) {
-    let part_of = std::mem::take(&mut engine.parts_mut().part_of);
-    let diameter = std::mem::take(&mut engine.parts_mut().diameter);
-    let mut switch_of = vec![0.0_f32; part_of.len()];
-    let mut is_left = vec![true; part_of.len()];
-    for collapse in engine.collapses() {
-        is_left[collapse.born as usize] = false;
-        switch_of[collapse.kept as usize] = collapse.switch;
-    }
-    let mut remains: Vec<Vec<u32>> = vec![Vec::new(); diameter.len()];
-    for vertex in (0..part_of.len()).filter(|vertex| is_left[*vertex]) {
-        remains[part_of[vertex] as usize].push(vertex as u32);
-    }
-    for (part, mut vertices) in remains.into_iter().enumerate() {
-        let own = vertices.iter().map(|vertex| switch_of[*vertex as usize]).fold(0.0, f32::max);
-        let switch = own.max(engine.in_mesh_units(diameter[part]));
-        while vertices.len() > 1 {
-            for pair in vertices.chunks_exact(2) {
-                engine.join(pair[0], pair[1], switch);
-            }
-            vertices = vertices.into_iter().step_by(2).collect();
-        }
-    }
+    remains[0]
 }

@@ -13,7 +13,7 @@
 
 use crate::vector::{cross, dot, minus};
 
-use super::live_mesh::{EdgeUse, LiveMesh};
+use super::live_mesh::{EdgeUse, LiveMesh, edge_use};
 
 /// Smallest cosine between a triangle's normals before and after a collapse.
 const LEAST_COSINE: f64 = 0.2;
@@ -36,10 +36,11 @@ pub(super) enum Verdict {
     NoEdge,
 }
 
-/// Buffers for the rings of the two ends, kept from call to call.
+/// The rings of the two ends, kept from call to call for their memory.
 #[derive(Debug, Default)]
 pub(super) struct Rings {
-    gone: Vec<[u32; 2]>,
+    /// The other two corners of every triangle at the vertex that goes, in the order of its star.
+    pub gone: Vec<[u32; 2]>,
     stays: Vec<[u32; 2]>,
     apexes: Vec<u32>,
     gone_sorted: Vec<u32>,
@@ -47,9 +48,9 @@ pub(super) struct Rings {
 }
 
 impl Rings {
-    /// Whether `gone` may be collapsed onto `stays`.
+    /// Whether `gone` may be collapsed onto `stays`. Fills the ring of `gone`.
     pub fn judge(&mut self, mesh: &LiveMesh, gone: u32, stays: u32) -> Verdict {
-        fill(&mut self.gone, mesh, gone);
+        mesh.fill_ring(gone, &mut self.gone);
         self.apexes.clear();
         let mut edge = EdgeUse::default();
         for [next, previous] in &self.gone {
@@ -64,23 +65,35 @@ impl Rings {
         if edge.is_unused() {
             return Verdict::NoEdge;
         }
-        if mesh.vertices[gone as usize].is_special() && edge.is_regular() {
+        let [gone_special, stays_special] = [gone, stays].map(|end| mesh.vertices[end as usize].is_special());
+        if gone_special && edge.is_regular() {
             return Verdict::Illegal;
         }
-        fill(&mut self.stays, mesh, stays);
-        let legal = self.link_condition(gone, stays)
-            && self.no_special_triangle(mesh, gone, stays)
+        mesh.fill_ring(stays, &mut self.stays);
+        let legal = self.link_condition(gone, stays, [gone_special, stays_special])
+            && (!(gone_special && stays_special) || self.no_special_triangle())
             && self.no_fold_over(mesh, gone, stays);
         if legal { Verdict::Legal } else { Verdict::Illegal }
     }
 
-    fn link_condition(&mut self, gone: u32, stays: u32) -> bool {
+    /// Whether there is an edge from `gone` to `stays`, without any test. Fills the ring of `gone`.
+    pub fn look(&mut self, mesh: &LiveMesh, gone: u32, stays: u32) -> Verdict {
+        mesh.fill_ring(gone, &mut self.gone);
+        if edge_use(&self.gone, stays).is_unused() { Verdict::NoEdge } else { Verdict::Legal }
+    }
+
+    /// `special`: whether the two ends are. All edges of one that is not are regular, so that each of its neighbours
+    /// comes next in exactly one triangle.
+    fn link_condition(&mut self, gone: u32, stays: u32, special: [bool; 2]) -> bool {
         let apexes = &self.apexes;
         if (1..apexes.len()).any(|index| apexes[..index].contains(&apexes[index])) {
             return false;
         }
         let is_apex = |vertex: u32| apexes.contains(&vertex);
-        let common_are_apexes = if self.gone.len() * self.stays.len() <= SMALL_RINGS {
+        let common_are_apexes = if special == [false; 2] && self.gone.len() * self.stays.len() <= SMALL_RINGS {
+            let is_next_to_stays = |vertex: u32| self.stays.iter().any(|[next, _]| *next == vertex);
+            self.gone.iter().all(|[next, _]| *next == stays || is_apex(*next) || !is_next_to_stays(*next))
+        } else if self.gone.len() * self.stays.len() <= SMALL_RINGS {
             self.gone
                 .as_flattened()
                 .iter()
@@ -105,13 +118,10 @@ impl Rings {
     }
 
     /// No triangle of the edge has special edges on both other sides.
-    fn no_special_triangle(&self, mesh: &LiveMesh, gone: u32, stays: u32) -> bool {
-        let both_special = mesh.vertices[gone as usize].is_special() && mesh.vertices[stays as usize].is_special();
-        !both_special
-            || self
-                .apexes
-                .iter()
-                .all(|apex| edge_use(&self.gone, *apex).is_regular() || edge_use(&self.stays, *apex).is_regular())
+    fn no_special_triangle(&self) -> bool {
+        self.apexes
+            .iter()
+            .all(|apex| edge_use(&self.gone, *apex).is_regular() || edge_use(&self.stays, *apex).is_regular())
     }
 
     fn no_fold_over(&self, mesh: &LiveMesh, gone: u32, stays: u32) -> bool {
@@ -134,20 +144,6 @@ impl Rings {
                 && turn * turn >= LEAST_COSINE * LEAST_COSINE * old_square * new_square
         })
     }
-}
-
-/// How the triangles of a ring run along the edge from the ring's centre to `vertex`.
-fn edge_use(ring: &[[u32; 2]], vertex: u32) -> EdgeUse {
-    EdgeUse {
-        forward: ring.iter().filter(|[next, _]| *next == vertex).count(),
-        backward: ring.iter().filter(|[_, previous]| *previous == vertex).count(),
-    }
-}
-
-/// The other two corners of every triangle at `vertex`.
-fn fill(ring: &mut Vec<[u32; 2]>, mesh: &LiveMesh, vertex: u32) {
-    ring.clear();
-    ring.extend(mesh.star(vertex).iter().map(|triangle| mesh.others(*triangle, vertex)));
 }
 
 fn sort_into(sorted: &mut Vec<u32>, ring: &[[u32; 2]]) {

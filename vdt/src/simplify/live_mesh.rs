@@ -1,53 +1,129 @@
-//! The mesh that is left while it is being simplified: vertices, their stars, triangles.
+//! The mesh that is left while it is being simplified, or a part of it: vertices, their stars, triangles.
 //!
-//! One cache line per vertex (position, quadric, star). Stars are slices of triangle ids in one pool, with room to grow;
-//! a star that outgrows its room moves to the end of the pool. When less than 70 % of the triangles are left, everything
-//! is packed again ([`LiveMesh::compact`]): local ids change then, but keep the order of the canonical ids, so no
-//! comparison ever depends on when it happened.
+//! One cache line per vertex (position, quadric, star) with what every test reads, and 44 bytes beside it with what only
+//! a collapse reads: the node that the vertex stands for. Stars are slices of triangle ids in one pool, with room to
+//! grow; a star that outgrows its room moves to the end of the pool. When less than 70 % of the triangles are left,
+//! everything is packed again ([`LiveMesh::compact`]). Local ids always keep the order of the canonical ids, so no
+//! comparison ever depends on which part of the mesh this is, or on when it was packed.
 //!
-//! Memory: 64 bytes per vertex, 4 for its canonical id and 8 for switch values; 20 bytes per triangle; the pool, 4
-//! bytes per corner, and 4 + 2 on average for each star.
+//! Memory: 108 bytes per vertex, 20 per triangle, the pool of 4 bytes per corner, and 8 + 8 + 4 on average for each star.
 
-use crate::ingest::{CoreMesh, power_of_two};
-use crate::vector::{cross, dot, minus};
+use bytemuck::{Pod, Zeroable};
+
+use crate::ingest::power_of_two;
 
 use super::metric::Quadric;
 
-/// Stands in the first corner of a triangle that is gone.
-const GONE: u32 = u32::MAX;
+/// Bit of [`Vertex::state`]: the vertex lies on an edge that is not regular.
+pub(super) const SPECIAL: u32 = 1 << 31;
+/// Bit of [`Vertex::state`]: what is known of the vertex may not be true, see `unsettled`.
+const UNSETTLED: u32 = 1 << 30;
+/// Bit of [`Vertex::state`]: collapsed onto another one.
+const GONE: u32 = 1 << 29;
+/// Bit of [`Vertex::state`]: all of the vertex's star is here, whatever it shares with other parts of the mesh.
+const WHOLE: u32 = 1 << 28;
+/// The bits of [`Vertex::state`] that hold the round.
+const ROUND: u32 = WHOLE - 1;
 
-/// Top bit of [`Vertex::state`]: the vertex lies on an edge that is not regular.
-const SPECIAL: u32 = 1 << 31;
-
-/// A vertex that is left. 64 bytes: one cache line.
+/// A vertex that is left, as all tests read it. 64 bytes: one cache line.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct Vertex {
     /// Position in normalised coordinates.
     pub position: [f32; 3],
     pub quadric: Quadric,
-    /// Where its star begins in the pool. The word before holds the room there is.
+    /// Canonical id.
+    pub id: u32,
+    /// Where its star begins in the pool. The two words before hold the room there is, and how many triangles are in it.
     star: u32,
-    /// Triangles in its star; 0: gone, or left alone by the end phase.
-    degree: u32,
-    /// The round in which its star changed last, and [`SPECIAL`].
+    /// The round in which its star changed last, and flags.
     state: u32,
 }
 
 impl Vertex {
     /// The round in which its star changed last.
     pub fn touched(&self) -> u32 {
-        self.state & !SPECIAL
+        self.state & ROUND
     }
 
     /// Whether it lies on an edge that is not regular: a boundary, a non-manifold edge, an edge whose two triangles
     /// disagree in orientation. Fixed at the start; legal collapses keep it true.
+    #[inline]
     pub fn is_special(&self) -> bool {
         self.state & SPECIAL != 0
     }
 
+    /// Whether what is known of it may not be true.
+    #[inline]
+    pub fn is_unsettled(&self) -> bool {
+        self.state & UNSETTLED != 0
+    }
+
+    /// Whether it was collapsed onto another one.
+    #[inline]
     pub fn is_gone(&self) -> bool {
-        self.degree == 0
+        self.state & GONE != 0
+    }
+
+    /// Whether all of its star is here, whatever it shares with other parts of the mesh.
+    pub fn is_whole(&self) -> bool {
+        self.state & WHOLE != 0
+    }
+
+    /// What of its state goes to disk: the round, whether it is special, and whether all of its star goes along.
+    pub fn lasting_state(&self, is_whole: bool) -> u32 {
+        self.state & (SPECIAL | ROUND) | if is_whole { WHOLE } else { 0 }
+    }
+}
+
+/// The node of the tree that a vertex stands for at present. 44 bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Node {
+    /// Canonical id of the vertex.
+    pub id: u32,
+    /// Its position, in mesh units.
+    pub position: [f32; 3],
+    /// Switch value, normalised; 0 for leaves.
+    pub switch: f32,
+    /// The largest switch value of a collapse that took a triangle out of the vertex's star without rewriting another
+    /// one there for certain; normalised, 0 where there was none.
+    pub star_switch: f32,
+    /// Leaves under the node.
+    pub leaves: u32,
+    /// Leaves under the kept child of its last split; 0 for leaves.
+    pub last_split: u32,
+    /// Radius of its bounding sphere, in mesh units.
+    pub radius: f32,
+    /// Its normal cone, as a word.
+    pub cone: u32,
+    /// The label of its component, see `components`.
+    pub label: u32,
+}
+
+impl Node {
+    /// The leaf that is a vertex of the input.
+    pub fn leaf(id: u32, position: [f32; 3], cone: u32) -> Self {
+        Node { id, position, switch: 0.0, star_switch: 0.0, leaves: 1, last_split: 0, radius: 0.0, cone, label: 0 }
+    }
+}
+
+/// A triangle that is left, or was. 16 bytes, so that none straddles two cache lines.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C, align(16))]
+pub(super) struct Triangle {
+    /// Its corners in its orientation. Of a triangle that is gone, all three are the same.
+    pub corners: [u32; 3],
+    /// Switch value of the collapse that rewrote it last; 0 where none did.
+    pub switch: f32,
+}
+
+impl Triangle {
+    const GONE: Triangle = Triangle { corners: [u32::MAX; 3], switch: 0.0 };
+
+    #[inline]
+    pub fn is_gone(&self) -> bool {
+        self.corners[0] == u32::MAX
     }
 }
 
@@ -71,24 +147,61 @@ impl EdgeUse {
     }
 }
 
+/// How the triangles of a ring run along the edge from the ring's centre to `vertex`. A ring has, for each triangle at
+/// its centre, the corners after the centre in the triangle's orientation.
+pub(super) fn edge_use(ring: &[[u32; 2]], vertex: u32) -> EdgeUse {
+    let mut edge = EdgeUse::default();
+    for [next, previous] in ring {
+        edge.forward += usize::from(*next == vertex);
+        edge.backward += usize::from(*previous == vertex);
+    }
+    edge
+}
+
+/// Mesh units to normalised ones, by a power of two. In two steps, since the whole factor may lie outside the range of
+/// f32 when both parts do not.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Normalisation {
+    factors: [f64; 2],
+}
+
+impl Normalisation {
+    /// For a mesh that is at most 2^exponent wide.
+    pub fn new(exponent: i32) -> Self {
+        let half = -exponent / 2;
+        Normalisation { factors: [power_of_two(half), power_of_two(-exponent - half)] }
+    }
+
+    pub fn apply(self, position: [f32; 3]) -> [f32; 3] {
+        position.map(|value| (f64::from(value) * self.factors[0] * self.factors[1]) as f32)
+    }
+}
+
 #[derive(Debug)]
 pub(super) struct LiveMesh {
+    normalisation: Normalisation,
+    /// A corner of the box of the whole mesh, normalised.
+    pub reference: [f32; 3],
     pub vertices: Vec<Vertex>,
-    /// Canonical id of each vertex; ascending.
-    pub canonical_vertex: Vec<u32>,
-    /// Switch value of the node that each vertex stands for at present, normalised; 0 for leaves.
-    pub node_switch: Vec<f32>,
-    /// The largest switch value of a collapse that took a triangle out of each vertex's star without rewriting another
-    /// one there for certain; normalised, 0 where there was none.
-    pub star_switch: Vec<f32>,
-    pub triangles: Vec<[u32; 3]>,
-    /// Canonical id of each triangle; ascending.
-    pub canonical_triangle: Vec<u32>,
-    /// Switch value of the collapse that rewrote each triangle last; 0 where none did.
-    pub triangle_switch: Vec<f32>,
+    /// The node of each vertex; their canonical ids ascend.
+    pub nodes: Vec<Node>,
+    pub triangles: Vec<Triangle>,
+    /// Canonical id of each triangle; ascending where this is the whole mesh.
+    pub triangle_ids: Vec<u32>,
     pool: Vec<u32>,
+    /// How long the pool was when the stars were laid out.
+    packed_pool: usize,
+    /// Room for a number for each vertex.
+    places: Vec<u32>,
     live_triangles: usize,
 }
+
+/// Words in front of each star in the pool.
+const STAR_HEADER: usize = 2;
+/// How far in front of a star its room stands.
+const ROOM: usize = 2;
+/// How far in front of a star its degree stands.
+const DEGREE: usize = 1;
 
 /// Room for a star of this degree: a little more, since stars grow before they vanish.
 fn room_for(degree: usize) -> usize {
@@ -96,114 +209,125 @@ fn room_for(degree: usize) -> usize {
 }
 
 impl LiveMesh {
-    /// The mesh before the first collapse. `with_quadrics`: whether the quadrics are to be filled.
-    pub fn new(mesh: &CoreMesh, with_quadrics: bool) -> Self {
-        // Two steps, since the whole factor may lie outside the range of f32 when both parts do not.
-        let half = -mesh.exponent / 2;
-        let factors = [power_of_two(half), power_of_two(-mesh.exponent - half)];
-        let blank = Vertex { position: [0.0; 3], quadric: Quadric::default(), star: 0, degree: 0, state: 0 };
-        let vertices = mesh
-            .positions
-            .iter()
-            .map(|p| Vertex { position: p.map(|value| (f64::from(value) * factors[0] * factors[1]) as f32), ..blank })
-            .collect();
-        let mut live = LiveMesh {
-            vertices,
-            canonical_vertex: (0..mesh.positions.len() as u32).collect(),
-            node_switch: vec![0.0; mesh.positions.len()],
-            star_switch: vec![0.0; mesh.positions.len()],
-            triangles: mesh.triangles.clone(),
-            canonical_triangle: (0..mesh.triangles.len() as u32).collect(),
-            triangle_switch: vec![0.0; mesh.triangles.len()],
+    /// A mesh without anything in it. `corner`, in mesh units, is one of the box of the whole mesh.
+    pub fn new(normalisation: Normalisation, corner: [f32; 3]) -> Self {
+        LiveMesh {
+            normalisation,
+            reference: normalisation.apply(corner),
+            vertices: Vec::new(),
+            nodes: Vec::new(),
+            triangles: Vec::new(),
+            triangle_ids: Vec::new(),
             pool: Vec::new(),
-            live_triangles: mesh.triangles.len(),
-        };
-        live.build_stars();
-        live.mark_special();
-        if with_quadrics {
-            live.fill_quadrics();
+            packed_pool: 0,
+            places: Vec::new(),
+            live_triangles: 0,
         }
-        live
     }
 
-    /// Lays out all stars anew, from the triangles.
-    fn build_stars(&mut self) {
-        for vertex in &mut self.vertices {
-            vertex.degree = 0;
-        }
-        for corner in self.triangles.iter().flatten() {
-            self.vertices[*corner as usize].degree += 1;
-        }
-        let mut length = 0;
-        for vertex in &mut self.vertices {
-            vertex.star = length + 1;
-            length += 1 + room_for(vertex.degree as usize) as u32;
-        }
+    /// Lets go of everything in it, but keeps the memory for another one.
+    pub fn clear(&mut self) {
+        self.vertices.clear();
+        self.nodes.clear();
+        self.triangles.clear();
+        self.triangle_ids.clear();
         self.pool.clear();
+        self.live_triangles = 0;
+    }
+
+    /// Appends a vertex, whose canonical id is larger than all before.
+    pub fn push_vertex(&mut self, node: Node, quadric: Quadric, state: u32) {
+        let position = self.normalisation.apply(node.position);
+        self.vertices.push(Vertex { position, quadric, id: node.id, star: 0, state });
+        self.nodes.push(node);
+    }
+
+    /// Appends a triangle between vertices that are there or will be.
+    pub fn push_triangle(&mut self, id: u32, triangle: Triangle) {
+        self.triangles.push(triangle);
+        self.triangle_ids.push(id);
+        self.live_triangles += 1;
+    }
+
+    /// Makes room for this many more, so that nothing has to grow by doubling.
+    pub fn reserve(&mut self, vertices: usize, triangles: usize) {
+        self.vertices.reserve_exact(vertices);
+        self.nodes.reserve_exact(vertices);
+        self.triangles.reserve_exact(triangles);
+        self.triangle_ids.reserve_exact(triangles);
+    }
+
+    /// Lays out all stars anew, from the triangles: each in the order of the triangles.
+    pub fn build_stars(&mut self) {
+        // First the degrees, then where the next triangle of each star goes.
+        let places = &mut self.places;
+        places.clear();
+        places.resize(self.vertices.len(), 0);
+        for corner in self.triangles.iter().flat_map(|triangle| triangle.corners) {
+            places[corner as usize] += 1;
+        }
+        let length: usize = places.iter().map(|degree| STAR_HEADER + room_for(*degree as usize)).sum();
+        self.pool.clear();
+        self.packed_pool = length;
         // With some room for stars that will move, so that the pool need not be copied soon.
-        self.pool.reserve_exact(length as usize + length as usize / 8);
-        self.pool.resize(length as usize, 0);
-        for vertex in &mut self.vertices {
-            self.pool[vertex.star as usize - 1] = room_for(vertex.degree as usize) as u32;
-            vertex.degree = 0;
+        self.pool.reserve_exact(length + length / 8);
+        self.pool.resize(length, 0);
+        let mut next = STAR_HEADER;
+        for (vertex, place) in self.vertices.iter_mut().zip(places.iter_mut()) {
+            let room = room_for(*place as usize);
+            self.pool[next - ROOM] = room as u32;
+            self.pool[next - DEGREE] = *place;
+            vertex.star = next as u32;
+            *place = next as u32;
+            next += room + STAR_HEADER;
         }
-        for (triangle, corners) in self.triangles.iter().enumerate() {
-            for corner in corners {
-                let vertex = &mut self.vertices[*corner as usize];
-                self.pool[(vertex.star + vertex.degree) as usize] = triangle as u32;
-                vertex.degree += 1;
+        for (number, triangle) in (0..).zip(&self.triangles) {
+            for corner in triangle.corners {
+                let place = &mut places[corner as usize];
+                self.pool[*place as usize] = number;
+                *place += 1;
             }
         }
     }
 
-    fn mark_special(&mut self) {
-        for triangle in 0..self.triangles.len() {
-            let corners = self.triangles[triangle];
-            for side in 0..3 {
-                let (a, b) = (corners[side], corners[(side + 1) % 3]);
-                if !self.edge_use(a, b).is_regular() {
-                    self.vertices[a as usize].state |= SPECIAL;
-                    self.vertices[b as usize].state |= SPECIAL;
-                }
-            }
-        }
+    /// Gives a vertex its star, where the mesh grows piece by piece instead of being laid out by [`Self::build_stars`]. A
+    /// vertex must have one, be it empty, before anything is done to its neighbours.
+    pub fn set_star(&mut self, vertex: u32, triangles: &[u32]) {
+        let room = if triangles.is_empty() { 0 } else { room_for(triangles.len()) };
+        let star = self.pool.len() + STAR_HEADER;
+        self.pool.extend([room as u32, triangles.len() as u32]);
+        self.pool.extend_from_slice(triangles);
+        self.pool.resize(star + room, 0);
+        self.vertices[vertex as usize].star = star as u32;
     }
 
-    /// The starting quadrics, summed in the order of the triangles.
-    fn fill_quadrics(&mut self) {
-        for triangle in 0..self.triangles.len() {
-            let corners = self.triangles[triangle];
-            let [a, b, c] = corners.map(|corner| self.vertices[corner as usize].position.map(f64::from));
-            let normal = cross(minus(b, a), minus(c, a));
-            let area = dot(normal, normal).sqrt() * 0.5;
-            for corner in corners {
-                self.vertices[corner as usize].quadric.add_plane_through_vertex(normal, area);
-            }
-            for side in 0..3 {
-                let ends = [corners[side], corners[(side + 1) % 3]];
-                if ends.iter().all(|end| self.vertices[*end as usize].is_special())
-                    && !self.edge_use(ends[0], ends[1]).is_regular()
-                {
-                    let [from, to] = ends.map(|end| self.vertices[end as usize].position.map(f64::from));
-                    let edge = minus(to, from);
-                    for end in ends {
-                        let quadric = &mut self.vertices[end as usize].quadric;
-                        quadric.add_plane_through_vertex(cross(edge, normal), dot(edge, edge));
-                    }
-                }
-            }
-        }
+    /// Words of all stars, and of the room that they have left.
+    pub fn pool_words(&self) -> usize {
+        self.pool.len()
+    }
+
+    /// Notes that a vertex lies on an edge that is not regular.
+    pub fn mark_special(&mut self, vertex: u32) {
+        self.vertices[vertex as usize].state |= SPECIAL;
+    }
+
+    /// Notes that what is known of a vertex may not be true.
+    #[inline]
+    pub fn unsettle(&mut self, vertex: u32) {
+        self.vertices[vertex as usize].state |= UNSETTLED;
     }
 
     /// The triangles at a vertex.
+    #[inline]
     pub fn star(&self, vertex: u32) -> &[u32] {
-        let Vertex { star, degree, .. } = self.vertices[vertex as usize];
-        &self.pool[star as usize..(star + degree) as usize]
+        let star = self.vertices[vertex as usize].star as usize;
+        &self.pool[star..star + self.pool[star - DEGREE] as usize]
     }
 
     /// The corners of a triangle after `vertex`, in its orientation.
+    #[inline]
     pub fn others(&self, triangle: u32, vertex: u32) -> [u32; 2] {
-        let [a, b, c] = self.triangles[triangle as usize];
+        let [a, b, c] = self.triangles[triangle as usize].corners;
         if a == vertex {
             [b, c]
         } else if b == vertex {
@@ -213,18 +337,15 @@ impl LiveMesh {
         }
     }
 
-    /// How the triangles run along the edge from `a` to `b`.
-    pub fn edge_use(&self, a: u32, b: u32) -> EdgeUse {
-        let mut edge = EdgeUse::default();
-        for triangle in self.star(a) {
-            let [next, previous] = self.others(*triangle, a);
-            edge.forward += usize::from(next == b);
-            edge.backward += usize::from(previous == b);
-        }
-        edge
+    /// Fills `ring` with the other two corners of every triangle at `vertex`, in the order of the star.
+    #[inline]
+    pub fn fill_ring(&self, vertex: u32, ring: &mut Vec<[u32; 2]>) {
+        ring.clear();
+        ring.extend(self.star(vertex).iter().map(|triangle| self.others(*triangle, vertex)));
     }
 
     /// The displacement from one vertex to another.
+    #[inline]
     pub fn displacement(&self, from: u32, to: u32) -> [f32; 3] {
         let (from, to) = (&self.vertices[from as usize].position, &self.vertices[to as usize].position);
         [to[0] - from[0], to[1] - from[1], to[2] - from[2]]
@@ -234,127 +355,152 @@ impl LiveMesh {
         self.live_triangles
     }
 
+    #[inline]
     pub fn is_live(&self, triangle: usize) -> bool {
-        self.triangles[triangle][0] != GONE
+        !self.triangles[triangle].is_gone()
     }
 
-    /// Notes that the stars of all corners of the star of `vertex` changed in this round.
-    pub fn touch_ring(&mut self, vertex: u32, round: u32) {
-        let Vertex { star, degree, .. } = self.vertices[vertex as usize];
-        for index in star..star + degree {
-            for corner in self.triangles[self.pool[index as usize] as usize] {
-                let state = &mut self.vertices[corner as usize].state;
-                *state = *state & SPECIAL | round;
-            }
-        }
+    /// Notes that the star of a vertex changed in this round.
+    #[inline]
+    pub fn touch(&mut self, vertex: u32, round: u32) {
+        let state = &mut self.vertices[vertex as usize].state;
+        *state = *state & !ROUND | round;
     }
 
-    /// Moves every triangle of the star of `gone` to `stays`; `dead` receives those that had both, which are then gone,
-    /// each with its third corner.
-    /// Says how many were moved: they are the last ones in the star of `stays`.
-    pub fn contract(&mut self, gone: u32, stays: u32, dead: &mut Vec<(u32, u32)>) -> u32 {
+    /// Moves every triangle of the star of `gone`, whose ring is `ring`, to `stays`; `dead` receives those that had
+    /// both, which are then gone, each with its third corner. The survivors get `switch` as that of the collapse that
+    /// rewrote them.
+    pub fn contract(&mut self, gone: u32, stays: u32, ring: &[[u32; 2]], switch: f32, dead: &mut Vec<(u32, u32)>) {
         dead.clear();
-        let Vertex { star, degree, .. } = self.vertices[gone as usize];
+        let Vertex { star, .. } = self.vertices[gone as usize];
         // The triangles that survive, packed to the front of the old star.
         let mut survivors = 0;
-        for index in star..star + degree {
+        for (index, [next, previous]) in (star..).zip(ring) {
             let triangle = self.pool[index as usize];
-            let corners = &mut self.triangles[triangle as usize];
-            if corners.contains(&stays) {
-                let apex = corners.iter().copied().find(|corner| *corner != gone && *corner != stays);
-                dead.push((triangle, apex.unwrap_or(stays)));
+            if *next == stays {
+                dead.push((triangle, *previous));
+            } else if *previous == stays {
+                dead.push((triangle, *next));
             } else {
-                for corner in corners {
-                    if *corner == gone {
-                        *corner = stays;
-                    }
-                }
+                // In the same orientation, from the corner that was rewritten on.
+                self.triangles[triangle as usize] = Triangle { corners: [stays, *next, *previous], switch };
                 self.pool[(star + survivors) as usize] = triangle;
                 survivors += 1;
             }
         }
-        self.vertices[gone as usize].degree = 0;
+        self.vertices[gone as usize].state |= GONE;
         for (triangle, apex) in &*dead {
             self.remove_from_star(*apex, *triangle);
             self.remove_from_star(stays, *triangle);
-            self.triangles[*triangle as usize] = [GONE; 3];
+            self.triangles[*triangle as usize] = Triangle::GONE;
         }
         self.live_triangles -= dead.len();
         self.append_to_star(stays, star, survivors);
-        survivors
-    }
-
-    /// Notes the switch value of the collapse that rewrote the last `count` triangles of a star.
-    pub fn rewrite_last(&mut self, vertex: u32, count: u32, switch: f32) {
-        let Vertex { star, degree, .. } = self.vertices[vertex as usize];
-        for triangle in &self.pool[(star + degree - count) as usize..(star + degree) as usize] {
-            self.triangle_switch[*triangle as usize] = switch;
-        }
     }
 
     fn remove_from_star(&mut self, vertex: u32, triangle: u32) {
-        let Vertex { star, degree, .. } = self.vertices[vertex as usize];
-        let slots = &mut self.pool[star as usize..(star + degree) as usize];
+        let star = self.vertices[vertex as usize].star as usize;
+        let degree = self.pool[star - DEGREE] as usize;
+        let slots = &mut self.pool[star..star + degree];
         if let Some(place) = slots.iter().position(|other| *other == triangle) {
-            slots[place] = slots[slots.len() - 1];
-            self.vertices[vertex as usize].degree -= 1;
+            slots[place] = slots[degree - 1];
+            self.pool[star - DEGREE] -= 1;
         }
     }
 
     /// Appends `count` pool words from `source` on to the star of `vertex`.
     fn append_to_star(&mut self, vertex: u32, source: u32, count: u32) {
-        let Vertex { star, degree, .. } = self.vertices[vertex as usize];
-        let (source, old) = (source as usize, star as usize..(star + degree) as usize);
-        let total = (degree + count) as usize;
-        if total > self.pool[star as usize - 1] as usize {
+        let star = self.vertices[vertex as usize].star as usize;
+        let (source, count) = (source as usize, count as usize);
+        let degree = self.pool[star - DEGREE] as usize;
+        let total = degree + count;
+        if total > self.pool[star - ROOM] as usize {
             let room = room_for(total + total / 2);
-            self.pool.push(room as u32);
-            let moved = self.pool.len();
-            self.pool.extend_from_within(old);
-            self.pool.extend_from_within(source..source + count as usize);
+            let moved = self.pool.len() + STAR_HEADER;
+            if self.pool.capacity() < moved + room {
+                // Not by doubling: the pool is a fifth of all that there is in memory.
+                self.pool.reserve_exact(room + STAR_HEADER + self.pool.len() / 32);
+            }
+            self.pool.resize(moved, 0);
+            self.pool.extend_from_within(star..star + degree);
+            self.pool.extend_from_within(source..source + count);
             self.pool.resize(moved + room, 0);
+            self.pool[moved - ROOM] = room as u32;
+            self.pool[moved - DEGREE] = total as u32;
             self.vertices[vertex as usize].star = moved as u32;
         } else {
-            self.pool.copy_within(source..source + count as usize, old.end);
+            self.pool.copy_within(source..source + count, star + degree);
+            self.pool[star - DEGREE] = total as u32;
         }
-        self.vertices[vertex as usize].degree = total as u32;
     }
 
-    /// Packs everything once less than 70 % of the triangles are left, or the pool has grown to twice its need.
+    /// Packs everything once less than 70 % of the triangles are left, or the pool has grown by a quarter.
     pub fn compact(&mut self) {
         let small = self.triangles.len() < 256;
-        let grown = self.pool.len() > 8 * self.triangles.len() + 4 * self.vertices.len() + 1024;
+        let grown = self.pool.len() > self.packed_pool + self.packed_pool / 4 + 1024;
         if (small || self.live_triangles * 10 >= self.triangles.len() * 7) && !grown {
             return;
         }
-        let mut renumbered = vec![GONE; self.vertices.len()];
+        let mut renumbered = vec![0; self.vertices.len()];
         let mut kept = 0;
         for old in 0..self.vertices.len() {
             if !self.vertices[old].is_gone() {
                 renumbered[old] = kept as u32;
                 self.vertices[kept] = self.vertices[old];
-                self.canonical_vertex[kept] = self.canonical_vertex[old];
-                self.node_switch[kept] = self.node_switch[old];
-                self.star_switch[kept] = self.star_switch[old];
+                self.nodes[kept] = self.nodes[old];
                 kept += 1;
             }
         }
         self.vertices.truncate(kept);
-        self.canonical_vertex.truncate(kept);
-        self.node_switch.truncate(kept);
-        self.star_switch.truncate(kept);
+        self.nodes.truncate(kept);
         let mut kept = 0;
         for old in 0..self.triangles.len() {
             if self.is_live(old) {
-                self.triangles[kept] = self.triangles[old].map(|corner| renumbered[corner as usize]);
-                self.canonical_triangle[kept] = self.canonical_triangle[old];
-                self.triangle_switch[kept] = self.triangle_switch[old];
+                let Triangle { corners, switch } = self.triangles[old];
+                let corners = corners.map(|corner| renumbered[corner as usize]);
+                self.triangles[kept] = Triangle { corners, switch };
+                self.triangle_ids[kept] = self.triangle_ids[old];
                 kept += 1;
             }
         }
         self.triangles.truncate(kept);
-        self.canonical_triangle.truncate(kept);
-        self.triangle_switch.truncate(kept);
+        self.triangle_ids.truncate(kept);
         self.build_stars();
+    }
+
+    /// Has the lines of a vertex on their way from memory.
+    #[inline]
+    pub fn prefetch_vertex(&self, vertex: u32) {
+        super::prefetch::read(&self.vertices, vertex as usize);
+    }
+
+    /// Has the star of a vertex, whose line should be there by now, on its way from memory.
+    #[inline]
+    pub fn prefetch_star(&self, vertex: u32) {
+        super::prefetch::read(&self.pool, self.vertices[vertex as usize].star as usize - DEGREE);
+    }
+
+    /// Has the triangles of a vertex, whose star should be there by now, on their way from memory.
+    #[inline]
+    pub fn prefetch_triangles(&self, vertex: u32) {
+        for triangle in self.star(vertex).iter().take(8) {
+            super::prefetch::read(&self.triangles, *triangle as usize);
+        }
+    }
+
+    /// Has the node of a vertex on its way from memory.
+    #[inline]
+    pub fn prefetch_node(&self, vertex: u32) {
+        super::prefetch::read(&self.nodes, vertex as usize);
+    }
+
+    /// Has the neighbours of a vertex, whose triangles should be there by now, on their way from memory.
+    #[inline]
+    pub fn prefetch_ring(&self, vertex: u32) {
+        for triangle in self.star(vertex).iter().take(8) {
+            for corner in self.others(*triangle, vertex) {
+                super::prefetch::read(&self.vertices, corner as usize);
+            }
+        }
     }
 }

@@ -7,61 +7,212 @@
 //! | `legality` | link condition, boundaries and non-manifold edges, fold-overs |
 //! | `collapse` | one collapse: tried, made, written down |
 //! | `rounds` | the default order: rounds of a frozen batch (design, section 3) |
+//! | [`log`] | what is written down: collapses, deaths, roots |
 //! | `queue` | the paper's order: shortest edge first, through one priority queue |
+//! | `spanned` | the same order for a mesh larger than memory: spanned sub-meshes |
 //! | `end_phase` | brings what no legal collapse can reduce down to one root per component |
 //!
-//! What comes out is a [`History`]: every collapse in the order in which it was decided, and for each triangle the
-//! collapse at which it disappeared. Both orders are functions of the canonical mesh alone.
+//! What comes out is [`log::Simplified`]: every collapse with all that its node will ever need, and for each triangle the
+//! collapse at which it disappeared. Both orders are functions of the canonical mesh alone, whatever the memory and the
+//! threads (`docs/exactness.md`).
 //!
 //! Determinism: all sums have a fixed order, nothing is fused or vectorised by the machine's features, and only +, -,
 //! *, / and square roots are used, which IEEE 754 fixes to the bit.
 
 mod collapse;
+mod components;
 mod end_phase;
+mod initial;
+mod journal;
 mod legality;
 mod live_mesh;
+pub mod log;
 pub mod metric;
+mod passes;
+mod plan;
+mod prefetch;
 mod queue;
+mod radix;
+mod records;
 mod rounds;
+mod seams;
+mod spanned;
+mod unsettled;
+mod workers;
 
-use crate::ingest::CoreMesh;
+pub use spanned::{SpannedCounters, SpannedError};
+use storage::{ByteSize, EdgeTreeKind, Scratch, StorageError};
+use thiserror::Error;
+
+use crate::ingest::StoredMesh;
 use crate::tree::{Metric, Strategy};
+use collapse::Engine;
+use components::{BlockLabels, Labels};
+use journal::Journal;
+use live_mesh::{LiveMesh, Normalisation};
+use log::Simplified;
 use metric::{CollapseMetric, LengthMetric, QuadricMetric};
+use passes::Left;
+use plan::Plan;
+use queue::Waiting;
+use rounds::{Histogram, Schedule};
+use spanned::{Shares, Task};
 
-pub use collapse::Collapse;
+/// How a mesh is to be simplified.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SimplifyOptions {
+    /// What a collapse costs.
+    pub metric: Metric,
+    /// How the order of the collapses is found.
+    pub strategy: Strategy,
+    /// RAM for what grows with the mesh.
+    pub memory: ByteSize,
+    /// How many threads may work. [`Strategy::Btree`] has one.
+    pub threads: usize,
+    /// The tree of edges of [`Strategy::Btree`], for a mesh that does not fit in memory.
+    pub edge_tree: EdgeTreeKind,
+}
 
-/// Everything that happened to a mesh until one root per component was left.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct History {
-    /// The collapses in the order in which they were decided.
-    pub collapses: Vec<Collapse>,
-    /// For each canonical triangle the collapse, as an index, at which two of its corners became one.
-    pub death: Vec<u32>,
-    /// For each canonical vertex: no edge at it but has exactly two triangles with opposite directions along it.
-    pub regular: Vec<bool>,
-    /// How many of the collapses passed the legality tests; those after them belong to the end phase.
-    pub legal: usize,
-    /// Rounds that the legal collapses took (1 for [`Strategy::Btree`]).
-    pub rounds: u32,
+/// Why a mesh was not simplified.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum SimplifyError {
+    /// The disk failed or is full.
+    #[error(transparent)]
+    Storage(#[from] StorageError),
+    /// Spanned sub-meshes could not be simplified.
+    #[error(transparent)]
+    Spanned(#[from] SpannedError),
+    /// Blocks have more in common than fits in memory.
+    #[error(
+        "the seams between blocks of the mesh have {triangles} triangles, which do not fit in memory together; \
+         run again with --memory {}",
+        needed.as_argument()
+    )]
+    Seam {
+        /// Triangles at the seams.
+        triangles: u64,
+        /// What would do.
+        needed: ByteSize,
+    },
+}
+
+/// How many triangles a block of a mesh should have that is to be simplified with so much memory and so many threads.
+pub fn block_triangles(memory: ByteSize, threads: usize) -> u64 {
+    Plan::new(memory.0, threads).block_triangles
+}
+
+/// The least memory with which a mesh of so many triangles can be simplified, unless it is of an unusual kind: blocks
+/// whose seams hold more than half of the mesh, or components that no legal collapse can reduce.
+pub fn smallest_memory(triangles: u64, threads: usize) -> ByteSize {
+    Plan::smallest_memory(triangles, threads)
 }
 
 /// Simplifies a canonical mesh down to one root per component.
 ///
 /// `progress` is called now and then with the share of the vertices that are gone, 0 to 1.
-pub fn simplify(mesh: &CoreMesh, metric: Metric, strategy: Strategy, progress: &mut dyn FnMut(f64)) -> History {
-    match metric {
-        Metric::Quadric => run(mesh, QuadricMetric, strategy, progress),
-        Metric::Length => run(mesh, LengthMetric, strategy, progress),
+pub fn simplify(
+    mesh: &StoredMesh,
+    options: &SimplifyOptions,
+    scratch: &Scratch,
+    progress: &mut dyn FnMut(f64),
+) -> Result<Simplified, SimplifyError> {
+    // What the mesh holds in RAM is not there for anything else.
+    let memory = options.memory.0.saturating_sub(mesh.ram_bytes());
+    let plan = Plan::new(memory, options.threads);
+    if options.strategy == Strategy::Btree && mesh.triangles.len() > plan.queue_triangles {
+        let result = simplify_spanned(mesh, options.metric, options.edge_tree, ByteSize(memory), scratch, progress);
+        return result.map(|(simplified, counters)| Simplified { spanned: Some(counters), ..simplified });
+    }
+    match options.metric {
+        Metric::Quadric => run(mesh, QuadricMetric, options.strategy, plan, scratch, progress),
+        Metric::Length => run(mesh, LengthMetric, options.strategy, plan, scratch, progress),
     }
 }
 
-fn run<M: CollapseMetric>(mesh: &CoreMesh, metric: M, strategy: Strategy, progress: &mut dyn FnMut(f64)) -> History {
-    let mut engine = collapse::Engine::new(mesh, metric);
-    match strategy {
-        Strategy::Passes => rounds::run(&mut engine, progress),
-        Strategy::Btree => queue::run(&mut engine, progress),
+/// Simplifies a canonical mesh in the paper's order, through spanned sub-meshes where it does not fit in memory. The
+/// outcome is that of [`simplify`] with [`Strategy::Btree`] and memory without end.
+///
+/// # Errors
+///
+/// Besides those of the disk: where sled would not keep to the memory, or what one collapse needs is more than fits.
+fn simplify_spanned(
+    mesh: &StoredMesh,
+    metric: Metric,
+    kind: EdgeTreeKind,
+    memory: ByteSize,
+    scratch: &Scratch,
+    progress: &mut dyn FnMut(f64),
+) -> Result<(Simplified, SpannedCounters), SimplifyError> {
+    let shares = Shares::new(memory);
+    match metric {
+        Metric::Quadric => run_spanned(mesh, QuadricMetric, kind, shares, scratch, progress),
+        Metric::Length => run_spanned(mesh, LengthMetric, kind, shares, scratch, progress),
     }
-    let (legal, rounds) = (engine.collapse_count(), engine.round());
-    end_phase::run(&mut engine, mesh, progress);
-    engine.into_history(legal, rounds)
 }
+
+fn run_spanned<M: CollapseMetric>(
+    mesh: &StoredMesh,
+    metric: M,
+    kind: EdgeTreeKind,
+    shares: Shares,
+    scratch: &Scratch,
+    progress: &mut dyn FnMut(f64),
+) -> Result<(Simplified, SpannedCounters), SimplifyError> {
+    let journal = Journal::new(scratch, mesh.triangles.len(), shares.memory.0 as usize / 16);
+    let task = Task { mesh, metric, kind, shares, scratch };
+    Ok(spanned::run(&task, journal, progress)?)
+}
+
+fn run<M: CollapseMetric>(
+    mesh: &StoredMesh,
+    metric: M,
+    strategy: Strategy,
+    plan: Plan,
+    scratch: &Scratch,
+    progress: &mut dyn FnMut(f64),
+) -> Result<Simplified, SimplifyError> {
+    let triangles = mesh.triangles.len();
+    let journal = Journal::new(scratch, triangles, plan.memory as usize / 16);
+    let mut schedule = Schedule { done: 0, last: None, triangles };
+    let left = if triangles <= plan.core_triangles {
+        load(mesh, metric, scratch)?
+    } else {
+        passes::run(mesh, metric, &plan, scratch, &journal, &mut schedule, progress)?
+    };
+    let (mut engine, components) = match left {
+        Left::Core(engine, components) => (engine, components),
+        Left::Roots { roots, legal_collapses } => return Ok(journal.finish(roots, schedule.done, legal_collapses)?),
+    };
+    let mut take = |engine: &mut Engine<M>| {
+        journal.take(engine)?;
+        progress(journal.collapses() as f64 / mesh.positions.len().max(1) as f64);
+        Ok::<(), StorageError>(())
+    };
+    match strategy {
+        Strategy::Passes => rounds::run(&mut engine, &mut schedule, &mut Histogram::new(), &mut take)?,
+        Strategy::Btree => {
+            let waiting = Waiting::all(&engine);
+            queue::run(&mut engine, waiting, &mut take)?;
+            schedule.done = 1;
+        }
+    }
+    let legal = journal.collapses();
+    let mut roots = Vec::new();
+    end_phase::run(&mut engine, &components, |_| true, schedule.done + 1, &mut roots, &mut take)?;
+    Ok(journal.finish(roots, schedule.done, legal)?)
+}
+
+/// The whole mesh in memory, before the first collapse.
+fn load<M: CollapseMetric>(mesh: &StoredMesh, metric: M, scratch: &Scratch) -> Result<Left<M>, StorageError> {
+    let mut live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0]);
+    let everything = [mesh.positions.len(), mesh.triangles.len()].map(|count| [0, count as u32]);
+    let (positions, corners) = (&mesh.positions, &mesh.triangles);
+    initial::load(&mut live, positions, corners, everything, &[], metric.uses_quadrics(), &mut Vec::new())?;
+    let mut labels = Labels::new(scratch);
+    labels.add(&BlockLabels::of(&mut live, |_| false))?;
+    Ok(Left::Core(Engine::new(live, metric, mesh.exponent), labels.join()?))
+}
+
+#[cfg(test)]
+mod tests;

@@ -10,27 +10,53 @@ use std::collections::{BinaryHeap, HashSet};
 use super::collapse::{Candidate, Engine, Outcome};
 use super::metric::CollapseMetric;
 
-/// Collapses until no legal candidate is left.
-pub(super) fn run<M: CollapseMetric>(engine: &mut Engine<M>, progress: &mut dyn FnMut(f64)) {
-    engine.next_round();
-    let mut heap: BinaryHeap<Reverse<Candidate>> = BinaryHeap::new();
-    for corners in &engine.mesh.triangles {
-        for side in 0..3 {
-            let (a, b) = (corners[side], corners[(side + 1) % 3]);
-            // Twice for most special edges; the second finds its edge gone or rejected.
-            let special = [a, b].iter().all(|end| engine.mesh.vertices[*end as usize].is_special());
-            if a < b || special {
-                heap.push(Reverse(engine.candidate(&engine.directions(a, b))));
+/// What waits for the queue to go on.
+#[derive(Debug, Default)]
+pub(super) struct Waiting {
+    /// The edges in the queue.
+    pub heap: BinaryHeap<Reverse<Candidate>>,
+    /// Edges that were found illegal, smaller vertex first.
+    pub rejected: HashSet<(u32, u32)>,
+    /// Collapses so far.
+    pub order: u32,
+}
+
+impl Waiting {
+    /// All edges of a mesh, before the first collapse.
+    pub fn all<M: CollapseMetric>(engine: &Engine<M>) -> Self {
+        let mut heap = BinaryHeap::new();
+        for corners in engine.mesh.triangles.iter().map(|triangle| triangle.corners) {
+            for side in 0..3 {
+                let (a, b) = (corners[side], corners[(side + 1) % 3]);
+                // Twice for most special edges; the second finds its edge gone or rejected.
+                let special = [a, b].iter().all(|end| engine.mesh.vertices[*end as usize].is_special());
+                if a < b || special {
+                    heap.push(Reverse(engine.candidate(a, b)));
+                }
             }
         }
+        Waiting { heap, rejected: HashSet::new(), order: 0 }
     }
-    // Edges that were found illegal, smaller vertex first, and for each vertex how many of its edges are among them.
-    let mut rejected: HashSet<(u32, u32)> = HashSet::new();
+}
+
+/// Collapses until no legal candidate is left. The build order is a running number. `after_some` takes away what was
+/// written down.
+pub(super) fn run<M: CollapseMetric, E>(
+    engine: &mut Engine<M>,
+    waiting: Waiting,
+    mut after_some: impl FnMut(&mut Engine<M>) -> Result<(), E>,
+) -> Result<(), E> {
+    let Waiting { mut heap, mut rejected, mut order } = waiting;
+    // For each vertex how many of its edges are rejected.
     let mut rejected_at = vec![0_u32; engine.mesh.vertices.len()];
+    for (low, high) in &rejected {
+        rejected_at[*low as usize] += 1;
+        rejected_at[*high as usize] += 1;
+    }
     let mut ring = Vec::new();
     while let Some(Reverse(candidate)) = heap.pop() {
         let (low, high) = candidate.vertices();
-        match engine.attempt(candidate) {
+        match engine.attempt(candidate, order) {
             Outcome::Gone => {}
             Outcome::Grown(again) | Outcome::OtherWay(again) => heap.push(Reverse(again)),
             Outcome::Illegal => {
@@ -40,10 +66,11 @@ pub(super) fn run<M: CollapseMetric>(engine: &mut Engine<M>, progress: &mut dyn 
                 }
             }
             Outcome::Collapsed { stays } => {
+                order += 1;
                 neighbours(engine, stays, &mut ring);
                 // The quadric of `stays` has changed, and with it the keys of all its edges.
                 for other in &ring {
-                    heap.push(Reverse(engine.candidate(&engine.directions(stays, *other))));
+                    heap.push(Reverse(engine.candidate(stays, *other)));
                 }
                 let around = std::mem::take(&mut ring);
                 for vertex in around.iter().copied().chain([stays]) {
@@ -55,21 +82,22 @@ pub(super) fn run<M: CollapseMetric>(engine: &mut Engine<M>, progress: &mut dyn 
                         if rejected.remove(&(vertex.min(*other), vertex.max(*other))) {
                             rejected_at[vertex as usize] -= 1;
                             rejected_at[*other as usize] -= 1;
-                            heap.push(Reverse(engine.candidate(&engine.directions(vertex, *other))));
+                            heap.push(Reverse(engine.candidate(vertex, *other)));
                         }
                     }
                 }
                 ring = around;
-                if engine.collapse_count().is_multiple_of(4096) {
-                    progress(engine.share_done());
+                if order.is_multiple_of(4096) {
+                    after_some(engine)?;
                 }
             }
         }
     }
+    after_some(engine)
 }
 
 /// The vertices next to `vertex`, sorted, each once.
-fn neighbours<M: CollapseMetric>(engine: &Engine<M>, vertex: u32, ring: &mut Vec<u32>) {
+pub(super) fn neighbours<M: CollapseMetric>(engine: &Engine<M>, vertex: u32, ring: &mut Vec<u32>) {
     ring.clear();
     let star = engine.mesh.star(vertex).iter();
     ring.extend(star.flat_map(|triangle| engine.mesh.others(*triangle, vertex)));

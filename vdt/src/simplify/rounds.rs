@@ -1,4 +1,4 @@
-//! The default order: rounds of a frozen batch (design, section 3; proof in `facts/exact.md`).
+//! The default order: rounds of a frozen batch (design, section 3; the proof is in `docs/exactness.md`).
 //!
 //! Round r takes as its limit the 20 % quantile of the keys above the last limit, and processes, by (key, hash, ids), the
 //! edges that exist when the round begins, with a key up to the limit, and that are *fresh*: above the last limit, or at
@@ -7,9 +7,10 @@
 //! blocks; the paper's order (see `queue`) is not, but for these two points it is the same.
 //!
 //! The quantile is counted over (live triangle, edge), in an integer histogram; of a large mesh, over a sample of the
-//! triangles that a hash of their canonical ids picks.
+//! triangles that a hash of their canonical ids picks. How small a part the sample is follows from the triangles there
+//! were when the round before began.
 //!
-//! Memory: 16 bytes for each edge in the batch, which is at most about a fifth of the edges, twice while it is sorted;
+//! Memory: 16 bytes for each edge in the batch, twice while it is sorted, and that is a fifth of the edges or so;
 //! 256 KiB for the histogram.
 
 use std::cmp::Reverse;
@@ -17,154 +18,304 @@ use std::collections::BinaryHeap;
 
 use super::collapse::{Candidate, Engine, Outcome, hash_pair};
 use super::metric::CollapseMetric;
+use super::radix::sort_by_key;
 
 /// Share of the live keys that one round takes on. Larger ones cost quality: 0.35 adds 6 % to the error at 1 % of the
 /// triangles on some meshes (measured).
 const QUANTILE: f64 = 0.2;
 
-/// The quantile of a mesh of more triangles than this is taken from a sample of about as many.
-const SAMPLED_TRIANGLES: usize = 1 << 15;
+/// The quantile of a mesh of more triangles than this is taken from a sample of between one and two times as many.
+const SAMPLED_TRIANGLES: u64 = 1 << 13;
 
 /// Key bits are counted by their leading 16 bits below the sign.
 const BIN_SHIFT: u32 = 15;
 const BINS: usize = 1 << 16;
 
-/// Runs rounds until no candidate is left.
-pub(super) fn run<M: CollapseMetric>(engine: &mut Engine<M>, progress: &mut dyn FnMut(f64)) {
-    let first_round = engine.round() + 1;
-    let mut histogram = vec![0_u32; BINS];
-    let mut batch: Vec<Candidate> = Vec::new();
-    let mut waiting: BinaryHeap<Reverse<Candidate>> = BinaryHeap::new();
-    let mut limit: Option<u32> = None;
-    loop {
-        let round = engine.next_round();
-        let next = next_limit(engine, limit, &mut histogram);
-        // In the first round every key counts as above the last limit.
-        let touched = if round == first_round { None } else { Some(round - 1) };
-        let Some(this_limit) = next.or(limit) else { return };
-        collect(engine, limit, this_limit, touched, &mut batch);
-        if batch.is_empty() && next.is_none() {
-            return;
+/// Which triangles stand for all of them when keys are counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Sample {
+    /// One of 2^shift.
+    shift: u32,
+}
+
+impl Sample {
+    /// All of them.
+    pub const ALL: Sample = Sample { shift: 0 };
+
+    /// For a mesh of so many triangles.
+    pub fn of(triangles: u64) -> Self {
+        Sample { shift: (triangles / SAMPLED_TRIANGLES).max(1).ilog2() }
+    }
+
+    /// Whether the triangle of this canonical id is in it.
+    #[inline]
+    pub fn has(self, triangle: u32) -> bool {
+        self.shift == 0 || hash_pair(triangle, triangle) >> (32 - self.shift) == 0
+    }
+}
+
+/// How many keys there are of each size.
+#[derive(Debug)]
+pub(super) struct Histogram {
+    bins: Vec<u32>,
+    count: u64,
+    lowest: usize,
+    highest: usize,
+}
+
+impl Histogram {
+    pub fn new() -> Self {
+        Histogram { bins: vec![0; BINS], count: 0, lowest: BINS, highest: 0 }
+    }
+
+    #[inline]
+    fn add(&mut self, key: u32, times: u32) {
+        let bin = (key >> BIN_SHIFT) as usize;
+        self.bins[bin] += times;
+        self.count += u64::from(times);
+        self.lowest = self.lowest.min(bin);
+        self.highest = self.highest.max(bin);
+    }
+
+    /// Adds what another one has counted.
+    pub fn add_all(&mut self, other: &Histogram) {
+        for bin in other.lowest..other.bins.len().min(other.highest + 1) {
+            if other.bins[bin] > 0 {
+                self.add((bin as u32) << BIN_SHIFT, other.bins[bin]);
+            }
         }
-        limit = Some(this_limit);
-        process(engine, &batch, this_limit, &mut waiting);
-        progress(engine.share_done());
+    }
+
+    /// Forgets what was counted.
+    pub fn clear(&mut self) {
+        if self.count > 0 {
+            self.bins[self.lowest..=self.highest].fill(0);
+        }
+        (self.count, self.lowest, self.highest) = (0, BINS, 0);
+    }
+
+    /// The limit that takes on the least fifth of the keys, `None` where there are none. Forgets what was counted.
+    pub fn take_limit(&mut self) -> Option<u32> {
+        if self.count == 0 {
+            return None;
+        }
+        let target = (self.count as f64 * QUANTILE).ceil() as u64;
+        let (mut below, mut found) = (0, self.highest);
+        for bin in self.lowest..=self.highest {
+            below += u64::from(self.bins[bin]);
+            if below >= target {
+                found = bin;
+                break;
+            }
+        }
+        self.clear();
+        Some((((found as u32) + 1) << BIN_SHIFT) - 1)
     }
 }
 
-/// The quantile of the keys above the last limit; `None` where there are none.
-fn next_limit<M: CollapseMetric>(engine: &Engine<M>, last: Option<u32>, histogram: &mut [u32]) -> Option<u32> {
-    let live = engine.mesh.live_triangles();
-    let shift = (live / SAMPLED_TRIANGLES).max(1).ilog2();
-    match quantile(engine, last, shift, histogram) {
-        // A sample that holds nothing above the limit does not say that there is nothing.
-        None if shift > 0 => quantile(engine, last, 0, histogram),
-        limit => limit,
-    }
+/// A round, as all blocks know it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Round {
+    /// Its number, from 1 on.
+    pub number: u32,
+    /// The limit of the round before; `None` in the first.
+    pub last: Option<u32>,
+    /// Keys up to this are taken on.
+    pub limit: u32,
 }
 
-fn quantile<M: CollapseMetric>(
+/// Counts, over the triangles of a sample, the keys above `last`: of each edge the cheaper one, unless it was passed
+/// already. Of the triangles those count for which `counts` holds.
+pub(super) fn count_keys<M: CollapseMetric>(
     engine: &Engine<M>,
     last: Option<u32>,
-    shift: u32,
-    histogram: &mut [u32],
-) -> Option<u32> {
+    sample: Sample,
+    counts: impl Fn(usize) -> bool,
+    histogram: &mut Histogram,
+) {
     let mesh = &engine.mesh;
-    let (mut count, mut lowest, mut highest) = (0_u32, BINS, 0);
-    for (triangle, corners) in mesh.triangles.iter().enumerate() {
-        let canonical = mesh.canonical_triangle[triangle];
-        if !mesh.is_live(triangle) || (shift > 0 && hash_pair(canonical, canonical) >> (32 - shift) != 0) {
+    for (triangle, id) in mesh.triangle_ids.iter().enumerate() {
+        if !sample.has(*id) || !mesh.is_live(triangle) || !counts(triangle) {
             continue;
         }
+        let corners = mesh.triangles[triangle].corners;
+        let ends = corners.map(|corner| &mesh.vertices[corner as usize]);
         for side in 0..3 {
-            let directions = engine.directions(corners[side], corners[(side + 1) % 3]);
-            for key in [directions.cheaper.0, directions.dearer.0] {
-                if last.is_none_or(|last| key > last) {
-                    let bin = (key >> BIN_SHIFT) as usize;
-                    histogram[bin] += 1;
-                    count += 1;
-                    lowest = lowest.min(bin);
-                    highest = highest.max(bin);
-                    // Only the cheaper key of an edge counts, unless it was passed already.
-                    break;
+            count_edge(last, engine.edge_keys(ends[side], ends[(side + 1) % 3]), histogram);
+        }
+    }
+}
+
+/// Counts an edge by the keys of its two directions.
+pub(super) fn count_edge(last: Option<u32>, keys: [u32; 2], histogram: &mut Histogram) {
+    let in_order = [keys[0].min(keys[1]), keys[0].max(keys[1])];
+    if let Some(key) = in_order.into_iter().find(|key| last.is_none_or(|last| *key > last)) {
+        histogram.add(key, 1);
+    }
+}
+
+/// Room that the rounds need, kept from one to the next.
+#[derive(Debug, Default)]
+pub(super) struct Batch {
+    candidates: Vec<Candidate>,
+    buffer: Vec<Candidate>,
+    waiting: BinaryHeap<Reverse<Candidate>>,
+}
+
+impl Batch {
+    /// How many edges are in it.
+    pub fn len(&self) -> usize {
+        self.candidates.len()
+    }
+
+    /// Makes it one of these candidates.
+    pub fn replace(&mut self, candidates: impl Iterator<Item = Candidate>) {
+        self.candidates.clear();
+        self.candidates.extend(candidates);
+        self.sort();
+    }
+
+    fn sort(&mut self) {
+        sort_by_key(&mut self.candidates, &mut self.buffer, |candidate| candidate.key);
+        self.candidates.dedup();
+    }
+
+    /// Makes it the batch of a round.
+    pub fn collect<M: CollapseMetric>(&mut self, engine: &Engine<M>, round: Round) {
+        let mesh = &engine.mesh;
+        let Round { number, last, limit } = round;
+        self.candidates.clear();
+        for triangle in mesh.triangles.iter().filter(|triangle| !triangle.is_gone()) {
+            let corners = triangle.corners;
+            let ends = corners.map(|corner| &mesh.vertices[corner as usize]);
+            for side in 0..3 {
+                let (a, b) = (corners[side], corners[(side + 1) % 3]);
+                let (end_a, end_b) = (ends[side], ends[(side + 1) % 3]);
+                // A regular edge runs upwards in exactly one of its two triangles. Others may do anything.
+                if a > b && !(end_a.is_special() && end_b.is_special()) {
+                    continue;
+                }
+                let keys = engine.edge_keys(end_a, end_b);
+                let (cheaper, dearer) = (keys[0].min(keys[1]), keys[0].max(keys[1]));
+                if cheaper > limit {
+                    continue;
+                }
+                let changed = end_a.touched() + 1 == number || end_b.touched() + 1 == number;
+                let fresh = |key: u32| changed || last.is_none_or(|last| key > last);
+                if fresh(cheaper) {
+                    self.candidates.push(Candidate::of([a, b], [end_a.id, end_b.id], cheaper));
+                } else if dearer <= limit && fresh(dearer) {
+                    self.candidates.push(Candidate::of([a, b], [end_a.id, end_b.id], cheaper).dearer(dearer));
                 }
             }
         }
+        self.sort();
     }
-    if count == 0 {
-        return None;
-    }
-    let target = (f64::from(count) * QUANTILE).ceil() as u32;
-    let (mut below, mut found) = (0, highest);
-    for (bin, count) in histogram.iter().enumerate().take(highest + 1).skip(lowest) {
-        below += count;
-        if below >= target {
-            found = bin;
-            break;
+
+    /// Processes the batch in order, with those that must wait again merged in at their new keys. An edge with an end
+    /// that is unsettled when its turn comes is not decided, but handed to `undecided`; that unsettles what it could
+    /// change (see `unsettled`).
+    pub fn process<M: CollapseMetric>(&mut self, engine: &mut Engine<M>, limit: u32, undecided: &mut Vec<Candidate>) {
+        let Batch { candidates, waiting, .. } = self;
+        let mut next = 0;
+        loop {
+            let from_heap = match (candidates.get(next), waiting.peek()) {
+                (None, None) => return,
+                (Some(candidate), Some(Reverse(top))) => top < candidate,
+                (candidate, _) => candidate.is_none(),
+            };
+            let candidate = if from_heap {
+                waiting.pop().map(|top| top.0)
+            } else {
+                look_ahead(engine, candidates, next);
+                next += 1;
+                candidates.get(next - 1).copied()
+            };
+            let Some(candidate) = candidate else { return };
+            let (low, high) = candidate.vertices();
+            let ends = [low, high].map(|end| &engine.mesh.vertices[end as usize]);
+            if ends.iter().any(|end| end.is_unsettled()) && !ends.iter().any(|end| end.is_gone()) {
+                super::unsettled::unsettle_rings(&mut engine.mesh, low, high);
+                undecided.push(candidate);
+                continue;
+            }
+            match engine.attempt(candidate, candidate.key) {
+                Outcome::Grown(again) | Outcome::OtherWay(again) if again.key <= limit => waiting.push(Reverse(again)),
+                _ => {}
+            }
         }
     }
-    histogram[lowest..=highest].fill(0);
-    Some((((found as u32) + 1) << BIN_SHIFT) - 1)
 }
 
-/// The batch of a round, sorted.
-fn collect<M: CollapseMetric>(
-    engine: &Engine<M>,
-    last: Option<u32>,
-    limit: u32,
-    touched: Option<u32>,
-    batch: &mut Vec<Candidate>,
-) {
+/// Has what the candidates behind number `next` will read on its way from memory, in stages: each stage reads what the
+/// one before has fetched.
+#[inline]
+fn look_ahead<M: CollapseMetric>(engine: &Engine<M>, candidates: &[Candidate], next: usize) {
     let mesh = &engine.mesh;
-    batch.clear();
-    for (triangle, corners) in mesh.triangles.iter().enumerate() {
-        if !mesh.is_live(triangle) {
-            continue;
-        }
-        for side in 0..3 {
-            let (a, b) = (corners[side], corners[(side + 1) % 3]);
-            let ends = [&mesh.vertices[a as usize], &mesh.vertices[b as usize]];
-            // A regular edge runs upwards in exactly one of its two triangles. Others may do anything.
-            if a > b && !ends.iter().all(|end| end.is_special()) {
-                continue;
-            }
-            let changed = touched.is_some_and(|round| ends.iter().any(|end| end.touched() == round));
-            let fresh = |key: u32| changed || last.is_none_or(|last| key > last);
-            let directions = engine.directions(a, b);
-            let (cheaper, dearer) = (directions.cheaper.0, directions.dearer.0);
-            if cheaper > limit {
-                continue;
-            }
-            if fresh(cheaper) {
-                batch.push(engine.candidate(&directions));
-            } else if dearer <= limit && fresh(dearer) {
-                batch.push(engine.dearer_candidate(&directions));
-            }
-        }
+    if let Some(candidate) = candidates.get(next + 32) {
+        let (low, high) = candidate.vertices();
+        mesh.prefetch_vertex(low);
+        mesh.prefetch_vertex(high);
     }
-    batch.sort_unstable();
-    batch.dedup();
+    if let Some(candidate) = candidates.get(next + 24) {
+        let (low, high) = candidate.vertices();
+        mesh.prefetch_star(low);
+        mesh.prefetch_star(high);
+    }
+    if let Some(candidate) = candidates.get(next + 16) {
+        let (low, high) = candidate.vertices();
+        mesh.prefetch_triangles(low);
+        mesh.prefetch_triangles(high);
+    }
+    if let Some(candidate) = candidates.get(next + 8) {
+        let (low, high) = candidate.vertices();
+        mesh.prefetch_ring(low);
+        mesh.prefetch_ring(high);
+        mesh.prefetch_node(low);
+        mesh.prefetch_node(high);
+    }
 }
 
-/// Processes a batch in order, with those that must wait again merged in at their new keys.
-fn process<M: CollapseMetric>(
+/// Where the rounds have got to.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Schedule {
+    /// The last round that was done; 0 before the first.
+    pub done: u32,
+    /// Its limit.
+    pub last: Option<u32>,
+    /// Triangles there were when it began.
+    pub triangles: u64,
+}
+
+/// Runs rounds, from where `schedule` has got to, until no candidate is left. Nothing of the mesh is unsettled or lies
+/// elsewhere. `after_round` takes away what was written down.
+pub(super) fn run<M: CollapseMetric, E>(
     engine: &mut Engine<M>,
-    batch: &[Candidate],
-    limit: u32,
-    waiting: &mut BinaryHeap<Reverse<Candidate>>,
-) {
-    let mut batch = batch.iter().copied().peekable();
+    schedule: &mut Schedule,
+    histogram: &mut Histogram,
+    mut after_round: impl FnMut(&mut Engine<M>) -> Result<(), E>,
+) -> Result<(), E> {
+    let mut batch = Batch::default();
+    let mut undecided = Vec::new();
     loop {
-        let from_heap = match (batch.peek(), waiting.peek()) {
-            (None, None) => return,
-            (Some(next), Some(Reverse(top))) => top < next,
-            (next, _) => next.is_none(),
-        };
-        let candidate = if from_heap { waiting.pop().map(|top| top.0) } else { batch.next() };
-        let Some(candidate) = candidate else { return };
-        match engine.attempt(candidate) {
-            Outcome::Grown(again) | Outcome::OtherWay(again) if again.key <= limit => waiting.push(Reverse(again)),
-            _ => {}
+        engine.mesh.compact();
+        let sample = Sample::of(schedule.triangles);
+        count_keys(engine, schedule.last, sample, |_| true, histogram);
+        let mut next = histogram.take_limit();
+        if next.is_none() && sample != Sample::ALL {
+            // A sample that holds nothing above the limit does not say that there is nothing.
+            count_keys(engine, schedule.last, Sample::ALL, |_| true, histogram);
+            next = histogram.take_limit();
         }
+        let Some(limit) = next.or(schedule.last) else { return Ok(()) };
+        let round = Round { number: schedule.done + 1, last: schedule.last, limit };
+        batch.collect(engine, round);
+        if batch.len() == 0 && next.is_none() {
+            return Ok(());
+        }
+        *schedule = Schedule { done: round.number, last: Some(limit), triangles: engine.mesh.live_triangles() as u64 };
+        engine.round = round.number;
+        batch.process(engine, limit, &mut undecided);
+        after_round(engine)?;
     }
 }

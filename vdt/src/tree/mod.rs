@@ -9,14 +9,18 @@
 //!   child `m..end`. Each leaf is born by exactly one split, but for the first leaf of each tree. So the splits are
 //!   stored by their born leaf, and a split needs no other name.
 //!
-//! Memory: 28 bytes per split, 12 per position, 12 per triangle, 4 per leaf for the triangle offsets.
+//! Memory: 24 bytes per split, 12 per position, 12 per triangle, 4 per leaf for the triangle offsets.
 
 mod bounding_spheres;
 mod check;
 mod finish;
 mod normal_cones;
 mod record;
+mod stored;
 
+pub use bounding_spheres::enclosing_radius;
 pub use check::{TreeError, check};
-pub use finish::finish;
+pub use finish::{FinishError, finish};
+pub use normal_cones::{enclosing_cone, leaf_cone};
 pub use record::{BornTriangles, Metric, NO_SPLIT, NormalCone, Root, Split, Strategy, Tree, UnknownNameError};
+pub use stored::StoredTree;

@@ -3,6 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+use bytemuck::{Pod, Zeroable};
 use thiserror::Error;
 
 /// What a collapse costs: the key by which collapses are ordered, and where switch values start from.
@@ -92,7 +93,8 @@ pub const NO_SPLIT: u32 = u32::MAX;
 /// The axis is a vector of three signed bytes, not of unit length. `sine` is the sine of the cone's half-angle in
 /// steps of 1/254, rounded up; 255 says that the cone reaches 90 degrees or more, or that the part of the surface has
 /// no inside, so that nothing under the node may ever be taken for back-facing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
 pub struct NormalCone {
     /// Direction of the axis, outward, in steps of 1/127.
     pub axis: [i8; 3],
@@ -103,6 +105,11 @@ pub struct NormalCone {
 impl NormalCone {
     /// The cone of all directions: never back-facing.
     pub const EVERYTHING: NormalCone = NormalCone { axis: [0; 3], sine: u8::MAX };
+
+    /// The cone of the same directions turned round.
+    pub fn reversed(self) -> Self {
+        NormalCone { axis: self.axis.map(i8::saturating_neg), sine: self.sine }
+    }
 
     /// The four bytes of the cone as one little-endian word: axis x, y, z, sine.
     pub fn to_word(self) -> u32 {
@@ -118,7 +125,8 @@ impl NormalCone {
 }
 
 /// An inner node of the tree, as the split that refines it. Stored by the born leaf.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
 pub struct Split {
     /// The split of the kept child (by its born leaf), or [`NO_SPLIT`] where that child is a leaf.
     pub kept: u32,

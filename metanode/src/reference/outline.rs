@@ -8,7 +8,8 @@
 
 use vdt::tree::{NO_SPLIT, Split, Tree};
 
-use super::{BlockingError, children};
+use super::children;
+use crate::blocking::BlockingError;
 use crate::page::PageCounts;
 
 /// The splits of `tree` in an order in which parents come before their children.

@@ -1,0 +1,227 @@
+//! The B-tree of edges on disk (the paper, 3.1.2, step 1): the edges of a mesh by what their collapse costs, of which the
+//! smallest are deleted again and again, while others are put in.
+//!
+//! One trait, [`EdgeTree`], with two backends: `redb`, which keeps to a bound of memory, and `sled`, which does not and is
+//! allowed only where the memory is above what it was measured to take ([`sled_needs`]).
+//!
+//! An edge is its key: nothing is stored with it. (The paper keeps the triangles that share an edge with it. Here whole
+//! stars are needed, and they lie in a store of their own by vertex; the ends of the edge lead there.) So an entry has 16
+//! bytes, and the tree is a set: an edge that is put in twice with the same key is there once.
+
+mod redb_tree;
+mod sled_tree;
+
+use std::fmt;
+use std::str::FromStr;
+
+use std::fmt::Debug;
+use std::path::PathBuf;
+
+use bytemuck::{Pod, Zeroable};
+use thiserror::Error;
+
+use crate::byte_size::ByteSize;
+use crate::disk::StorageError;
+use crate::random_file::Traffic;
+use crate::scratch::Scratch;
+use crate::sorter::SortRecord;
+
+use redb_tree::RedbTree;
+use sled_tree::SledTree;
+pub use sled_tree::needs as sled_needs;
+
+/// An edge with its place in the order of collapses: by its fields, from the first to the last.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Pod, Zeroable)]
+#[repr(C)]
+pub struct Edge {
+    /// What the collapse costs, as bits that order as the costs do.
+    pub key: u32,
+    /// What decides between equal keys.
+    pub tie: u32,
+    /// The smaller vertex.
+    pub low: u32,
+    /// The larger vertex, and in the top bit a direction.
+    pub high: u32,
+}
+
+impl Edge {
+    /// Bytes that order as edges do.
+    pub fn to_bytes(self) -> [u8; 16] {
+        let Edge { key, tie, low, high } = self;
+        let [key, tie, low, high] = [key, tie, low, high].map(u128::from);
+        (key << 96 | tie << 64 | low << 32 | high).to_be_bytes()
+    }
+
+    /// The edge of such bytes.
+    pub fn from_bytes(bytes: [u8; 16]) -> Self {
+        let bits = u128::from_be_bytes(bytes);
+        let [key, tie, low, high] = [96, 64, 32, 0].map(|shift| (bits >> shift) as u32);
+        Edge { key, tie, low, high }
+    }
+}
+
+impl SortRecord for Edge {
+    fn prefix(&self) -> u64 {
+        u64::from(self.key) << 32 | u64::from(self.tie)
+    }
+}
+
+/// Why a tree of edges failed.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum EdgeTreeError {
+    /// The disk failed or is full.
+    #[error(transparent)]
+    Storage(#[from] StorageError),
+    /// redb failed.
+    #[error("the edge tree {} failed: {source}", path.display())]
+    Redb {
+        /// Its file.
+        path: PathBuf,
+        /// What redb said.
+        source: Box<redb::Error>,
+    },
+    /// sled failed.
+    #[error("the edge tree {} failed: {source}", path.display())]
+    Sled {
+        /// Its folder.
+        path: PathBuf,
+        /// What sled said.
+        source: sled::Error,
+    },
+    /// A key in the tree is not one of ours.
+    #[error("the edge tree {} holds a key of {length} bytes, where every key has 16; it was altered", path.display())]
+    ForeignKey {
+        /// Its file or folder.
+        path: PathBuf,
+        /// Bytes of the key.
+        length: usize,
+    },
+    /// sled would need more memory than there is.
+    #[error(
+        "with {edges} edges, sled was measured to take {needed} of memory for the edge tree, but it may have {share} of \
+         --memory {memory}; use --edge-tree redb, or --memory {}",
+        advice.as_argument()
+    )]
+    SledMemory {
+        /// Edges of the mesh.
+        edges: u64,
+        /// What sled takes.
+        needed: ByteSize,
+        /// What it may have.
+        share: ByteSize,
+        /// The limit of the whole.
+        memory: ByteSize,
+        /// A limit of the whole that would do.
+        advice: ByteSize,
+    },
+}
+
+/// Edges on disk, in order.
+pub trait EdgeTree: Debug {
+    /// Puts edges into an empty tree, which `next` hands out in ascending order, `None` behind the last.
+    fn bulk_load(&mut self, next: &mut dyn FnMut() -> Result<Option<Edge>, StorageError>) -> Result<(), EdgeTreeError>;
+
+    /// Deletes the smallest edges, as long as `is_taken` says so: it is asked once for each, in ascending order, and the
+    /// first one that is not taken stays.
+    fn delete_smallest(&mut self, is_taken: &mut dyn FnMut(Edge) -> bool) -> Result<(), EdgeTreeError>;
+
+    /// Puts edges in, best in ascending order.
+    fn insert(&mut self, edges: &[Edge]) -> Result<(), EdgeTreeError>;
+
+    /// Deletes an edge. Whether it was there.
+    fn remove(&mut self, edge: Edge) -> Result<bool, EdgeTreeError>;
+
+    /// Edges in the tree.
+    fn len(&self) -> u64;
+
+    /// Whether there are none.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// What passed between RAM and the tree's files so far.
+    fn traffic(&self) -> Traffic;
+}
+
+/// The B-trees there are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum EdgeTreeKind {
+    /// redb.
+    #[default]
+    Redb,
+    /// sled.
+    Sled,
+}
+
+impl fmt::Display for EdgeTreeKind {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.pad(self.name())
+    }
+}
+
+/// A name that no edge tree has.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error("there is no edge tree `{name}`; there are redb and sled")]
+pub struct UnknownEdgeTreeError {
+    name: String,
+}
+
+impl FromStr for EdgeTreeKind {
+    type Err = UnknownEdgeTreeError;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        let found = EdgeTreeKind::ALL.into_iter().find(|kind| kind.name() == name);
+        found.ok_or_else(|| UnknownEdgeTreeError { name: name.to_owned() })
+    }
+}
+
+impl EdgeTreeKind {
+    /// All of them.
+    pub const ALL: [EdgeTreeKind; 2] = [EdgeTreeKind::Redb, EdgeTreeKind::Sled];
+
+    /// Its name, as the command line has it.
+    fn name(self) -> &'static str {
+        match self {
+            EdgeTreeKind::Redb => "redb",
+            EdgeTreeKind::Sled => "sled",
+        }
+    }
+
+    /// A new, empty tree for at first so many edges, that takes at most `ram_bytes`. Its files are gone with it.
+    ///
+    /// sled does its own I/O: the scratch must be on the machine's file system.
+    ///
+    /// # Errors
+    ///
+    /// [`EdgeTreeError::SledMemory`] where sled would take more than `ram_bytes`, which are a share of `memory`.
+    pub fn create(
+        self,
+        scratch: &Scratch,
+        edges: u64,
+        ram_bytes: u64,
+        memory: ByteSize,
+    ) -> Result<Box<dyn EdgeTree>, EdgeTreeError> {
+        match self {
+            EdgeTreeKind::Redb => Ok(Box::new(RedbTree::create(scratch, ram_bytes)?)),
+            EdgeTreeKind::Sled => {
+                let needed = sled_needs(edges);
+                if needed.0 > ram_bytes {
+                    let advice = (needed.0 as f64 * memory.0 as f64 / ram_bytes.max(1) as f64) as u64;
+                    let advice = ByteSize(advice.next_multiple_of(1 << 20));
+                    return Err(EdgeTreeError::SledMemory {
+                        edges,
+                        needed,
+                        share: ByteSize(ram_bytes),
+                        memory,
+                        advice,
+                    });
+                }
+                Ok(Box::new(SledTree::create(scratch)?))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,155 @@
+//! Both backends against a sorted set in RAM.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::{Disk, FaultyDisk, LocalDisk, MemoryDisk};
+
+const ENOUGH: u64 = 1 << 40;
+
+fn scratch(disk: impl Disk + 'static, folder: &Path) -> Scratch {
+    Scratch::open(Arc::new(disk), &folder.join("scratch"), "").unwrap().0
+}
+
+fn edge() -> impl Strategy<Value = Edge> {
+    (0..6_u32, any::<u32>(), 0..9_u32, prop_oneof![0..9_u32, (0..9_u32).prop_map(|high| high | 1 << 31)])
+        .prop_map(|(key, tie, low, high)| Edge { key: key << 29 | tie >> 5, tie: tie & 1, low, high })
+}
+
+#[derive(Debug, Clone)]
+enum Step {
+    Insert(Vec<Edge>),
+    Delete { most: usize },
+    Remove(Edge),
+}
+
+fn step() -> impl Strategy<Value = Step> {
+    prop_oneof![
+        3 => prop::collection::vec(edge(), 0..200).prop_map(Step::Insert),
+        3 => (0..150_usize).prop_map(|most| Step::Delete { most }),
+        1 => edge().prop_map(Step::Remove),
+    ]
+}
+
+proptest! {
+    #[test]
+    fn bytes_order_as_edges_do(a in edge(), b in edge()) {
+        prop_assert_eq!(a.to_bytes().cmp(&b.to_bytes()), a.cmp(&b));
+        prop_assert_eq!(Edge::from_bytes(a.to_bytes()), a);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn a_tree_is_a_sorted_set(
+        initial in prop::collection::btree_set(edge(), 0..3000), steps in prop::collection::vec(step(), 0..30),
+    ) {
+        let folder = tempfile::tempdir().unwrap();
+        for kind in EdgeTreeKind::ALL {
+            let scratch = scratch(LocalDisk, folder.path());
+            let mut tree = kind.create(&scratch, 3000, ENOUGH, ByteSize(ENOUGH)).unwrap();
+            let mut expected: BTreeSet<Edge> = initial.clone();
+            let mut sorted = initial.iter().copied();
+            tree.bulk_load(&mut || Ok(sorted.next())).unwrap();
+            for step in &steps {
+                match step {
+                    Step::Insert(edges) => {
+                        tree.insert(edges).unwrap();
+                        expected.extend(edges);
+                    }
+                    Step::Delete { most } => {
+                        let mut seen = Vec::new();
+                        tree.delete_smallest(&mut |edge| {
+                            seen.push(edge);
+                            seen.len() <= *most
+                        })
+                        .unwrap();
+                        let smallest: Vec<Edge> = expected.iter().copied().take(most + 1).collect();
+                        prop_assert_eq!(&seen, &smallest);
+                        for edge in smallest.iter().take(*most) {
+                            expected.remove(edge);
+                        }
+                    }
+                    // One that is there, if there is one, every other time.
+                    Step::Remove(edge) => {
+                        let edge = expected.range(edge..).next().copied().filter(|_| edge.tie == 0).unwrap_or(*edge);
+                        prop_assert_eq!(tree.remove(edge).unwrap(), expected.remove(&edge));
+                    }
+                }
+                prop_assert_eq!(tree.len(), expected.len() as u64);
+            }
+            let mut rest = Vec::new();
+            tree.delete_smallest(&mut |edge| {
+                rest.push(edge);
+                true
+            })
+            .unwrap();
+            prop_assert!(rest.iter().eq(&expected));
+            prop_assert!(tree.is_empty());
+        }
+        prop_assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+}
+
+fn many(count: u32) -> impl Iterator<Item = Edge> {
+    (0..count).map(|n| Edge { key: n.wrapping_mul(0x9e37_79b9), tie: n, low: n, high: n + 1 })
+}
+
+#[test]
+fn a_disk_that_fails_is_an_error_that_names_the_file_and_leaves_nothing() {
+    let memory = MemoryDisk::new();
+    for full in [0, 3, 10_000, 1 << 20, 2 << 20] {
+        let disk = FaultyDisk::new(Arc::new(memory.clone()));
+        disk.full_after(full);
+        let edges: Vec<Edge> = many(200_000).collect();
+        let error = EdgeTreeKind::Redb
+            .create(&scratch(disk.clone(), Path::new("")), 0, 64 << 10, ByteSize(1 << 20))
+            .and_then(|mut tree| edges.chunks(5000).try_for_each(|edges| tree.insert(edges)))
+            .unwrap_err();
+        assert!(error.to_string().contains("edges-redb"), "{error}");
+        assert!(matches!(error, EdgeTreeError::Storage(_)), "{error:?}");
+        assert_eq!(memory.paths(), [] as [PathBuf; 0]);
+    }
+    let disk = FaultyDisk::new(Arc::new(memory.clone()));
+    let mut tree =
+        EdgeTreeKind::Redb.create(&scratch(disk.clone(), Path::new("")), 0, 64 << 10, ByteSize(1 << 20)).unwrap();
+    tree.insert(&many(100_000).collect::<Vec<_>>()).unwrap();
+    disk.fail_reads_after(3);
+    let error = tree.delete_smallest(&mut |_| true).unwrap_err();
+    assert!(error.to_string().contains("injected"), "{error}");
+}
+
+#[test]
+fn bytes_are_counted_where_the_cache_is_too_small() {
+    let disk = crate::CountingDisk::new(Arc::new(MemoryDisk::new()));
+    let mut tree =
+        EdgeTreeKind::Redb.create(&scratch(disk.clone(), Path::new("")), 0, 64 << 10, ByteSize(1 << 20)).unwrap();
+    tree.insert(&many(50_000).collect::<Vec<_>>()).unwrap();
+    let Traffic { read, written } = tree.traffic();
+    assert_eq!((read, written), (disk.bytes_read(), disk.bytes_written()));
+    assert!(read > 1 << 20 && written > 1 << 20, "{read} {written}");
+}
+
+#[test]
+fn sled_is_refused_where_it_would_break_the_limit_with_the_figures_and_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let edges = 3_000_000;
+    let share = sled_needs(edges).0 - 1;
+    let scratch = scratch(LocalDisk, folder.path());
+    let create = |share, memory| EdgeTreeKind::Sled.create(&scratch, edges, share, memory);
+    let error = create(share, ByteSize(4 * share)).unwrap_err();
+    let EdgeTreeError::SledMemory { advice, .. } = &error else { panic!("{error}") };
+    let advice = *advice;
+    let message = error.to_string();
+    assert!(message.contains("3000000 edges") && message.contains("--edge-tree redb"), "{message}");
+    assert!(message.contains(&advice.as_argument()), "{message}");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    // What it advises is enough.
+    create(advice.0 / 4, advice).unwrap();
+}

@@ -1,0 +1,396 @@
+//! Where temporary data goes: [`Scratch`] hands out files in a folder of its own to the record stores of an
+//! external-memory build.
+//!
+//! Every store ([`crate::Spool`], [`crate::Sorter`], [`crate::Scatter`], [`crate::PagedArray`]) is given a number of
+//! bytes of RAM; what fits in them never touches the disk. A file is gone with the store that it belongs to.
+//!
+//! *The folder* is made with the first file. It belongs to one process: a lock that ends with the process keeps others
+//! out. Besides the lock it holds files named by a number and what they are for, and perhaps a manifest. Files of any
+//! other name are nobody's business here: they are never touched, and where there are any the folder stays.
+//!
+//! *Checkpoints.* What a long computation has come to can be kept: finished stores are told to stay
+//! ([`crate::Spool::keep`]), and [`Scratch::checkpoint`] writes down how to find them, in a manifest that also says what
+//! was computed from what (the *fingerprint*). A process that dies after that leaves its folder; the next one that opens
+//! it with the same fingerprint gets the checkpoint, and with another one an empty folder. What the dead process left
+//! besides is removed in either case.
+
+use std::collections::HashSet;
+use std::fmt::Debug;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+
+use serde::{Deserialize, Serialize};
+
+use crate::atomic_file::AtomicFile;
+use crate::disk::{Block, Disk, ScratchFile, StorageError};
+
+/// The lock of a folder.
+const LOCK: &str = "lock";
+/// What is written down of a checkpoint.
+const MANIFEST: &str = "manifest.json";
+/// Changes with everything that an older program would misunderstand.
+const VERSION: u32 = 1;
+
+/// The manifest of a folder.
+#[derive(Debug, Serialize, Deserialize)]
+struct Manifest {
+    vdt_scratch_version: u32,
+    /// What the checkpoint was computed from.
+    fingerprint: String,
+    /// The files that belong to it.
+    files: Vec<String>,
+    /// What the caller wrote down.
+    state: serde_json::Value,
+}
+
+/// A place for temporary data. Clones share it.
+#[derive(Debug, Clone)]
+pub struct Scratch {
+    inner: Arc<Inner>,
+}
+
+#[derive(Debug)]
+pub(crate) struct Inner {
+    /// `None`: there is no disk.
+    place: Option<Place>,
+    next_number: AtomicU64,
+    bytes: AtomicU64,
+    peak_bytes: AtomicU64,
+}
+
+#[derive(Debug)]
+struct Place {
+    disk: Arc<dyn Disk>,
+    folder: PathBuf,
+    fingerprint: String,
+    /// Held from the first file on.
+    lock: Mutex<Option<Box<dyn Send + Debug>>>,
+    /// The files of the checkpoint.
+    kept: Mutex<Vec<String>>,
+}
+
+/// The folders of this process.
+static FOLDERS: Mutex<Vec<Weak<Inner>>> = Mutex::new(Vec::new());
+
+/// Removes what is in the scratch folders of this process, but for their checkpoints: what a program does when it is
+/// told to stop at once. As long as the value lives, no file is created in any of them.
+pub(crate) fn clean_up_all() -> MutexGuard<'static, Vec<Weak<Inner>>> {
+    let mut folders = FOLDERS.lock().unwrap_or_else(PoisonError::into_inner);
+    for inner in folders.drain(..).filter_map(|folder| folder.upgrade()) {
+        if let Some(place) = &inner.place {
+            place.clean_up();
+        }
+    }
+    folders
+}
+
+impl Scratch {
+    /// A scratch without a disk: everything stays in RAM, whatever the stores are allowed.
+    pub fn in_memory() -> Self {
+        Self::at(None, 0)
+    }
+
+    /// A scratch in a folder, for something computed from what `fingerprint` tells. Gives what an earlier process has
+    /// come to with the same fingerprint, if it is there.
+    ///
+    /// # Errors
+    ///
+    /// Those of the disk; [`StorageError::Busy`] where another process is at work in the folder.
+    pub fn open(
+        disk: Arc<dyn Disk>,
+        folder: &Path,
+        fingerprint: &str,
+    ) -> Result<(Self, Option<serde_json::Value>), StorageError> {
+        let place = Place {
+            disk,
+            folder: folder.to_path_buf(),
+            fingerprint: fingerprint.to_owned(),
+            lock: Mutex::new(None),
+            kept: Mutex::default(),
+        };
+        if !place.disk.exists(folder) {
+            return Ok((Self::at(Some(place), 0), None));
+        }
+        place.lock()?;
+        let manifest = place.read_manifest()?.filter(|manifest| manifest.fingerprint == fingerprint);
+        let (files, state) = manifest.map_or((Vec::new(), None), |manifest| (manifest.files, Some(manifest.state)));
+        let next_number = place.remove_all_but(&files)?;
+        *place.kept.lock().unwrap_or_else(PoisonError::into_inner) = files;
+        Ok((Self::at(Some(place), next_number), state))
+    }
+
+    fn at(place: Option<Place>, next_number: u64) -> Self {
+        let [next_number, bytes, peak_bytes] = [next_number, 0, 0].map(AtomicU64::new);
+        let inner = Arc::new(Inner { place, next_number, bytes, peak_bytes });
+        if inner.place.is_some() {
+            let mut folders = FOLDERS.lock().unwrap_or_else(PoisonError::into_inner);
+            folders.retain(|folder| folder.strong_count() > 0);
+            folders.push(Arc::downgrade(&inner));
+        }
+        Scratch { inner }
+    }
+
+    /// Whether there is a disk to go to.
+    pub(crate) fn has_disk(&self) -> bool {
+        self.inner.place.is_some()
+    }
+
+    fn place(&self, name: &str) -> Result<&Place, StorageError> {
+        self.inner.place.as_ref().ok_or_else(|| {
+            let error = std::io::Error::from(std::io::ErrorKind::Unsupported);
+            StorageError::io(Path::new(name), "use, without a disk,", error)
+        })
+    }
+
+    /// A new file. `name` is for people who look into the folder.
+    pub(crate) fn create(&self, name: &str) -> Result<TemporaryFile, StorageError> {
+        let place = self.place(name)?;
+        // Not while folders are cleaned up.
+        let _folders = FOLDERS.lock().unwrap_or_else(PoisonError::into_inner);
+        place.lock()?;
+        let number = self.inner.next_number.fetch_add(1, Ordering::Relaxed);
+        let name = format!("{number:06}-{name}");
+        let file = place.disk.create_scratch(&place.folder.join(&name))?;
+        let (blocks, is_kept) = (AtomicU64::new(0), AtomicBool::new(false));
+        Ok(TemporaryFile { file, name, scratch: self.clone(), blocks, is_kept })
+    }
+
+    /// A new folder, for a store of others that does its own I/O: it lies on the machine's file system, whatever the disk.
+    pub(crate) fn foreign_folder(&self, name: &str) -> Result<ForeignFolder, StorageError> {
+        let place = self.place(name)?;
+        // Not while folders are cleaned up.
+        let _folders = FOLDERS.lock().unwrap_or_else(PoisonError::into_inner);
+        place.lock()?;
+        let number = self.inner.next_number.fetch_add(1, Ordering::Relaxed);
+        let path = place.folder.join(format!("{number:06}-{name}"));
+        std::fs::create_dir(&path).map_err(|error| StorageError::io(&path, "create", error))?;
+        Ok(ForeignFolder { path, _scratch: self.clone() })
+    }
+
+    /// A file of the checkpoint.
+    pub(crate) fn reopen(&self, name: &str, blocks: u64) -> Result<TemporaryFile, StorageError> {
+        let place = self.place(name)?;
+        let file = place.disk.open_scratch(&place.folder.join(name))?;
+        self.inner.grow(blocks * Block::BYTES as u64);
+        let (blocks, is_kept) = (AtomicU64::new(blocks), AtomicBool::new(true));
+        Ok(TemporaryFile { file, name: name.to_owned(), scratch: self.clone(), blocks, is_kept })
+    }
+
+    /// Writes down what was come to: `state` tells how to go on, with the `files` that stores have kept. Replaces the
+    /// checkpoint before, whose files are removed unless they are among these. Does nothing without a disk.
+    pub fn checkpoint(&self, state: serde_json::Value, files: Vec<String>) -> Result<(), StorageError> {
+        let Some(place) = &self.inner.place else { return Ok(()) };
+        place.lock()?;
+        let manifest = Manifest { vdt_scratch_version: VERSION, fingerprint: place.fingerprint.clone(), files, state };
+        let path = place.folder.join(MANIFEST);
+        let text = serde_json::to_vec_pretty(&manifest)
+            .map_err(|error| StorageError::io(&path, "write", std::io::Error::other(error)))?;
+        let mut file = AtomicFile::create(place.disk.clone(), &path)?;
+        file.append(&text)?;
+        file.commit()?;
+        let mut kept = place.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        for name in kept.iter().filter(|name| !manifest.files.contains(*name)) {
+            place.disk.remove(&place.folder.join(name))?;
+        }
+        *kept = manifest.files;
+        Ok(())
+    }
+
+    /// Gives the checkpoint up: its files go with their stores, and the folder with the last of them.
+    pub fn discard_checkpoint(&self) -> Result<(), StorageError> {
+        let Some(place) = &self.inner.place else { return Ok(()) };
+        let kept = std::mem::take(&mut *place.kept.lock().unwrap_or_else(PoisonError::into_inner));
+        let manifest = place.folder.join(MANIFEST);
+        if place.disk.exists(&manifest) {
+            place.disk.remove(&manifest)?;
+        }
+        for name in kept {
+            let path = place.folder.join(name);
+            if place.disk.exists(&path) {
+                place.disk.remove(&path)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Bytes in scratch files at present.
+    pub fn bytes_on_disk(&self) -> u64 {
+        self.inner.bytes.load(Ordering::Relaxed)
+    }
+
+    /// The most bytes that there ever were in scratch files at once.
+    pub fn peak_bytes_on_disk(&self) -> u64 {
+        self.inner.peak_bytes.load(Ordering::Relaxed)
+    }
+}
+
+impl Inner {
+    fn grow(&self, bytes: u64) {
+        let now = self.bytes.fetch_add(bytes, Ordering::Relaxed) + bytes;
+        self.peak_bytes.fetch_max(now, Ordering::Relaxed);
+    }
+}
+
+impl Drop for Inner {
+    fn drop(&mut self) {
+        let Some(place) = &self.place else { return };
+        let mut lock = place.lock.lock().unwrap_or_else(PoisonError::into_inner);
+        // A checkpoint stays for the next process. There is nobody to tell of what cannot be removed; the next one will.
+        if lock.is_some() && place.kept.lock().unwrap_or_else(PoisonError::into_inner).is_empty() {
+            let _ = place.disk.remove(&place.folder.join(LOCK));
+            let _ = place.disk.remove_folder(&place.folder);
+        }
+        *lock = None;
+    }
+}
+
+impl Place {
+    /// Makes the folder and takes its lock, unless it is held already.
+    fn lock(&self) -> Result<(), StorageError> {
+        let mut lock = self.lock.lock().unwrap_or_else(PoisonError::into_inner);
+        if lock.is_none() {
+            self.disk.create_folder(&self.folder)?;
+            *lock = Some(self.disk.lock(&self.folder.join(LOCK))?);
+        }
+        Ok(())
+    }
+
+    /// Removes everything but the checkpoint. There is nobody to tell of what cannot be removed, and no time.
+    fn clean_up(&self) {
+        let lock = self.lock.lock().unwrap_or_else(PoisonError::into_inner);
+        if lock.is_none() {
+            return;
+        }
+        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let _ = self.remove_all_but(&kept);
+        if kept.is_empty() {
+            let _ = self.disk.remove(&self.folder.join(LOCK));
+            let _ = self.disk.remove_folder(&self.folder);
+        }
+    }
+
+    /// The manifest, if it is one that can be understood.
+    fn read_manifest(&self) -> Result<Option<Manifest>, StorageError> {
+        let path = self.folder.join(MANIFEST);
+        if !self.disk.exists(&path) {
+            return Ok(None);
+        }
+        let file = self.disk.open(&path)?;
+        let mut text = vec![0; file.length() as usize];
+        file.read_exact_at(0, &mut text)?;
+        let manifest: Option<Manifest> = serde_json::from_slice(&text).ok();
+        let is_there = |name: &String| is_ours(name) && self.disk.exists(&self.folder.join(name));
+        Ok(manifest.filter(|manifest| manifest.vdt_scratch_version == VERSION && manifest.files.iter().all(is_there)))
+    }
+
+    /// Removes what is ours but not among these files; without files, also the manifest. Says which number no file has.
+    fn remove_all_but(&self, files: &[String]) -> Result<u64, StorageError> {
+        let files: HashSet<&str> = files.iter().map(String::as_str).collect();
+        let mut next_number = 0;
+        for path in self.disk.list(&self.folder)? {
+            let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+            let number = name.split('-').next().and_then(|digits| digits.parse::<u64>().ok());
+            if is_ours(&name) {
+                next_number = next_number.max(number.unwrap_or(0) + 1);
+            }
+            if is_ours(&name) && path.is_dir() {
+                // What a store of others left, see `Scratch::foreign_folder`.
+                std::fs::remove_dir_all(&path).map_err(|error| StorageError::io(&path, "remove", error))?;
+                continue;
+            }
+            if is_ours(&name) && !files.contains(name.as_str()) || name == MANIFEST && files.is_empty() {
+                self.disk.remove(&path)?;
+            }
+        }
+        Ok(next_number)
+    }
+}
+
+/// Whether a file of this name is one of the numbered ones.
+fn is_ours(name: &str) -> bool {
+    match name.split_once('-') {
+        Some((digits, rest)) => {
+            digits.len() >= 6
+                && digits.bytes().all(|byte| byte.is_ascii_digit())
+                && !rest.is_empty()
+                && rest.bytes().all(|byte| byte.is_ascii_lowercase() || byte == b'-')
+        }
+        None => false,
+    }
+}
+
+/// A folder for a store of others; gone with this value.
+#[derive(Debug)]
+pub(crate) struct ForeignFolder {
+    path: PathBuf,
+    /// Its folder goes after this one.
+    _scratch: Scratch,
+}
+
+impl ForeignFolder {
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+impl Drop for ForeignFolder {
+    fn drop(&mut self) {
+        // There is nobody to tell; whoever opens the folder next removes it.
+        let _ = std::fs::remove_dir_all(&self.path);
+    }
+}
+
+/// A scratch file; gone with this value, unless it is kept.
+#[derive(Debug)]
+pub(crate) struct TemporaryFile {
+    file: Arc<dyn ScratchFile>,
+    name: String,
+    scratch: Scratch,
+    /// How long it has become.
+    blocks: AtomicU64,
+    is_kept: AtomicBool,
+}
+
+impl TemporaryFile {
+    /// Where it is, for messages.
+    pub fn path(&self) -> &Path {
+        self.file.path()
+    }
+
+    pub fn read(&self, first: u64, blocks: &mut [Block]) -> Result<(), StorageError> {
+        self.file.read_blocks(first, blocks)
+    }
+
+    pub fn write(&self, first: u64, blocks: &[Block]) -> Result<(), StorageError> {
+        self.file.write_blocks(first, blocks)?;
+        let end = first + blocks.len() as u64;
+        let before = self.blocks.fetch_max(end, Ordering::Relaxed);
+        if end > before {
+            self.scratch.inner.grow((end - before) * Block::BYTES as u64);
+        }
+        Ok(())
+    }
+
+    /// Has it stay when this value goes, for a checkpoint. Returns its name in the folder.
+    pub fn keep(&self) -> String {
+        self.is_kept.store(true, Ordering::Relaxed);
+        self.name.clone()
+    }
+}
+
+impl Drop for TemporaryFile {
+    fn drop(&mut self) {
+        let bytes = self.blocks.load(Ordering::Relaxed) * Block::BYTES as u64;
+        self.scratch.inner.bytes.fetch_sub(bytes, Ordering::Relaxed);
+        if let Some(place) = &self.scratch.inner.place {
+            let is_kept = self.is_kept.load(Ordering::Relaxed)
+                && place.kept.lock().unwrap_or_else(PoisonError::into_inner).contains(&self.name);
+            if !is_kept {
+                // There is nobody to tell; whoever opens the folder next removes it.
+                let _ = place.disk.remove(self.file.path());
+            }
+        }
+    }
+}

@@ -1,0 +1,191 @@
+//! Logs of simplifications that no engine made: any two vertices of a component collapse, in any order. Their trees are
+//! deep or flat, many collapses have the same switch value, round and key, and the log is in any order in which children
+//! come before their parents.
+
+use std::collections::BTreeMap;
+
+use storage::{Scatter, Scratch, Spool};
+use vdt::ingest::{CoreMesh, FileCounts, MeshBlock, StoredMesh};
+use vdt::simplify::log::{LoggedCollapse, LoggedRoot, Simplified};
+use vdt::tree::{NormalCone, enclosing_radius};
+
+use crate::random_mesh::Random;
+use crate::replay::PlainMesh;
+
+/// A mesh and what a simplification of it wrote down.
+#[derive(Debug, Clone)]
+pub struct RandomLog {
+    /// The mesh.
+    pub mesh: CoreMesh,
+    /// The collapses in build order.
+    pub collapses: Vec<LoggedCollapse>,
+    /// For each triangle the vertex that went when it vanished.
+    pub deaths: Vec<u32>,
+    /// What was left, by ascending vertex.
+    pub roots: Vec<LoggedRoot>,
+}
+
+/// What a vertex stands for.
+#[derive(Debug, Clone, Copy)]
+struct Node {
+    leaves: u32,
+    split: u32,
+    switch: f32,
+    radius: f32,
+}
+
+impl RandomLog {
+    /// Collapses the components of a mesh in random order. `deep` of 8 collapses go on with the last one's vertex, which
+    /// makes for deep trees.
+    pub fn new(mesh: CoreMesh, deep: usize, seed: u64) -> Self {
+        let random = &mut Random(seed);
+        let mut plain = PlainMesh::new(&mesh.positions, &mesh.triangles);
+        let mut parts = components(&mesh);
+        let leaf = Node { leaves: 1, split: 0, switch: 0.0, radius: 0.0 };
+        let mut nodes = vec![leaf; mesh.positions.len()];
+        let mut deaths = vec![u32::MAX; mesh.triangles.len()];
+        let mut collapses: Vec<LoggedCollapse> = Vec::new();
+        let mut open: Vec<usize> = (0..parts.len()).filter(|part| parts[*part].len() > 1).collect();
+        while !open.is_empty() {
+            let chosen = random.below(open.len());
+            let part = &mut parts[open[chosen]];
+            let last = part.len() - 1;
+            let kept_at = if random.below(8) < deep { last } else { random.below(part.len()) };
+            let kept = part.swap_remove(kept_at);
+            let born_at = random.below(part.len());
+            let mut pair = [kept, part.swap_remove(born_at)];
+            if random.below(8) >= deep {
+                pair.reverse();
+            }
+            let [kept, born] = pair;
+            part.push(kept);
+            if part.len() == 1 {
+                open.swap_remove(chosen);
+            }
+            let [kept_node, born_node] = pair.map(|vertex| nodes[vertex as usize]);
+            let [from, to] = pair.map(|vertex| mesh.positions[vertex as usize]);
+            let mut collapse = LoggedCollapse {
+                kept,
+                born,
+                kept_leaves: kept_node.leaves,
+                kept_split: kept_node.split,
+                born_split: born_node.split,
+                round: 0,
+                key: 0,
+                switch: kept_node.switch.max(born_node.switch).max(1.0 + random.below(9) as f32),
+                radius: enclosing_radius(from, kept_node.radius, to, born_node.radius),
+                cone: random_cone(random).to_word(),
+            };
+            place(&mut collapse, collapses.last(), random);
+            nodes[kept as usize] = Node {
+                leaves: kept_node.leaves + born_node.leaves,
+                split: kept_node.leaves,
+                switch: collapse.switch,
+                radius: collapse.radius,
+            };
+            plain.collapse(born, kept).into_iter().for_each(|triangle| deaths[triangle] = born);
+            collapses.push(collapse);
+        }
+        let mut roots: Vec<LoggedRoot> = parts
+            .iter()
+            .map(|part| {
+                let Node { leaves, split, .. } = nodes[part[0] as usize];
+                LoggedRoot { vertex: part[0], leaves, split, outward: random.below(3) as i8 - 1 }
+            })
+            .collect();
+        roots.sort_by_key(|root| root.vertex);
+        RandomLog { mesh, collapses, deaths, roots }
+    }
+
+    /// Which way is out, by root vertex.
+    pub fn outward(&self) -> BTreeMap<u32, i8> {
+        self.roots.iter().map(|root| (root.vertex, root.outward)).collect()
+    }
+
+    /// The mesh as the build has it.
+    pub fn stored_mesh(&self) -> StoredMesh {
+        StoredMesh {
+            positions: Spool::from_vec(self.mesh.positions.clone()),
+            triangles: Spool::from_vec(self.mesh.triangles.clone()),
+            blocks: vec![MeshBlock { first_vertex: 0, first_triangle: 0 }],
+            seam_vertices: Spool::from_vec(Vec::new()),
+            bounds: [[0.0; 3]; 2],
+            origin: self.mesh.origin,
+            exponent: self.mesh.exponent,
+            cleaning: self.mesh.cleaning,
+            files: FileCounts::default(),
+        }
+    }
+
+    /// What the engine would hand on, with the log in a random order that has children before their parents.
+    pub fn simplified(&self, seed: u64) -> Simplified {
+        let random = &mut Random(seed);
+        let mut waiting = self.collapses.clone();
+        let mut log = Vec::new();
+        while !waiting.is_empty() {
+            // Some collapse that touches no vertex of an earlier one that waits.
+            let chosen = random.below(waiting.len());
+            let touches = |collapse: &LoggedCollapse, other: &LoggedCollapse| {
+                [other.kept, other.born].iter().any(|vertex| [collapse.kept, collapse.born].contains(vertex))
+            };
+            let mut first = chosen;
+            while let Some(earlier) = (0..first).find(|earlier| touches(&waiting[*earlier], &waiting[first])) {
+                first = earlier;
+            }
+            log.push(waiting.remove(first));
+        }
+        let mut deaths = Scatter::new(&Scratch::in_memory(), "deaths", self.deaths.len() as u64, 1 << 20);
+        for (triangle, death) in self.deaths.iter().enumerate() {
+            deaths.put(triangle as u32, *death).unwrap();
+        }
+        Simplified {
+            log: Spool::from_vec(log),
+            deaths: deaths.finish().unwrap(),
+            roots: self.roots.clone(),
+            rounds: 1,
+            legal_collapses: 0,
+            spanned: None,
+        }
+    }
+}
+
+/// Gives a collapse a place of the build order behind `last`: in the same round or with the same key where that is so.
+fn place(collapse: &mut LoggedCollapse, last: Option<&LoggedCollapse>, random: &mut Random) {
+    let Some(last) = last else { return };
+    let mut behind = |round: u32, key: u32| {
+        (collapse.round, collapse.key) = (round, key);
+        collapse.build_order() > last.build_order()
+    };
+    let is_behind = match random.below(8) {
+        0 => behind(last.round + 1, random.below(100) as u32),
+        1 => behind(last.round, last.key + random.below(3) as u32),
+        _ => behind(last.round, last.key),
+    };
+    if !is_behind {
+        behind(last.round, last.key + 1);
+    }
+}
+
+fn random_cone(random: &mut Random) -> NormalCone {
+    NormalCone { axis: [0; 3].map(|_: i8| (random.below(255) as i32 - 127) as i8), sine: random.below(256) as u8 }
+}
+
+/// The vertices of each component.
+fn components(mesh: &CoreMesh) -> Vec<Vec<u32>> {
+    let mut part_of: Vec<u32> = (0..mesh.positions.len() as u32).collect();
+    loop {
+        let before = part_of.clone();
+        for corners in &mesh.triangles {
+            let least = corners.iter().map(|corner| part_of[*corner as usize]).min().unwrap();
+            corners.iter().for_each(|corner| part_of[*corner as usize] = least);
+        }
+        if before == part_of {
+            break;
+        }
+    }
+    let mut parts: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    for (vertex, part) in part_of.iter().enumerate() {
+        parts.entry(*part).or_default().push(vertex as u32);
+    }
+    parts.into_values().collect()
+}

@@ -1,0 +1,105 @@
+//! Builds of meshes that do not fit in memory (invariants 2 and 8 of the design): the same bytes whatever the memory, the
+//! threads and the order of the input, and what happens when one is interrupted.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a panic is how a test fails")]
+
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+use vdt_tests::mesh_files::{obj, read_ply};
+use vdt_tests::program::Workplace;
+use vdt_tests::workplace;
+
+/// Builds a model of `mesh.ply` and returns the report.
+fn build(place: &Workplace, options: &str) -> Value {
+    place.json(&format!("build mesh.ply -o model.vdt --force {options}"))
+}
+
+/// The least memory for `mesh.ply`, by the program's own account.
+fn least(place: &Workplace) -> u64 {
+    place.json("build mesh.ply --dry-run --threads 2")["memory_needed_bytes"].as_u64().unwrap()
+}
+
+#[test]
+fn memory_and_threads_do_not_change_a_byte() {
+    for (shape, triangles) in [("terrain", 250_000), ("sphere", 250_000), ("city", 250_000)] {
+        let place = workplace!();
+        place.json(&format!("generate {shape} --triangles {triangles} --seed 5 -o mesh.ply"));
+        let in_core = build(&place, "--memory 1G --threads 1");
+        assert_eq!(in_core["scratch_peak_bytes"], 0, "{shape}");
+        let least = least(&place);
+        for options in [
+            format!("--memory {least} --threads 1"),
+            format!("--memory {least} --threads 2"),
+            "--memory 20M --threads 3".into(),
+            "--memory 28M --threads 2".into(),
+        ] {
+            let external = build(&place, &options);
+            assert_eq!(external["model_sha256"], in_core["model_sha256"], "{shape} {options}");
+            assert!(external["scratch_peak_bytes"].as_u64().unwrap() > triangles * 20, "{shape} {options}");
+            assert_eq!(place.names().len(), 2, "{:?}", place.names());
+        }
+    }
+}
+
+#[test]
+fn the_order_of_the_input_does_not_change_a_byte() {
+    let place = workplace!();
+    place.json("generate terrain --triangles 250000 --seed 6 -o mesh.ply");
+    let expected = build(&place, "--memory 1G");
+    let mut mesh = read_ply(&place.read("mesh.ply"));
+    // Vertices and triangles by numbers that have nothing to do with where they lie.
+    let count = mesh.positions.len() as u64;
+    let place_of = |vertex: u64| (vertex * 1_000_003 % count) as usize;
+    let mut positions = mesh.positions.clone();
+    for (vertex, position) in mesh.positions.iter().enumerate() {
+        positions[place_of(vertex as u64)] = *position;
+    }
+    mesh.positions = positions;
+    mesh.triangles.sort_by_key(|corners| corners[1].wrapping_mul(0x9e37_79b9));
+    mesh.triangles.iter_mut().flatten().for_each(|corner| *corner = place_of((*corner).into()) as u32);
+    let least = least(&place);
+    place.write("mesh.obj", obj(&mesh));
+    let shuffled = place.json(&format!("build mesh.obj -o model.vdt --force --memory {least}"));
+    assert_eq!(shuffled["model_sha256"], expected["model_sha256"]);
+}
+
+#[test]
+fn the_paper_s_order_does_not_depend_on_memory_either() {
+    let place = workplace!();
+    place.json("generate terrain --triangles 30000 --seed 7 -o mesh.ply");
+    let in_core = build(&place, "--strategy btree --memory 1G");
+    let external = build(&place, "--strategy btree --memory 5M");
+    assert_eq!(external["model_sha256"], in_core["model_sha256"]);
+    assert!(external["spanned"]["loads"].as_u64().unwrap() > 1, "{external}");
+    let message =
+        place.refuses(1, "build mesh.ply -o other.vdt --strategy btree --edge-tree sled --memory 5M", &["sled"]);
+    assert!(message.contains("--memory"), "{message}");
+}
+
+/// A build that is killed after a phase was finished goes on from there when it is run again; with other options it
+/// begins anew. In the end nothing is left but the model.
+#[test]
+fn a_killed_build_is_taken_up_again() {
+    let place = workplace!();
+    place.json("generate terrain --triangles 600000 --seed 8 -o mesh.ply");
+    let expected = build(&place, "--memory 1G")["model_sha256"].clone();
+    std::fs::remove_file(place.path("model.vdt")).unwrap();
+    for (again, is_resumed) in [("--memory 24M", true), ("--memory 25M", false)] {
+        let mut command = place.command(&["build", "mesh.ply", "-o", "model.vdt", "--memory", "24M"]);
+        let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+        let start = Instant::now();
+        while !place.path(".model.vdt.scratch/manifest.json").exists() {
+            assert!(start.elapsed() < Duration::from_secs(60) && child.try_wait().unwrap().is_none());
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        child.kill().unwrap();
+        child.wait().unwrap();
+        assert!(!place.path("model.vdt").exists());
+        let document = build(&place, again);
+        assert_eq!((&document["resumed"], &document["model_sha256"]), (&Value::from(is_resumed), &expected));
+        assert_eq!(place.names().len(), 2, "{:?}", place.names());
+        std::fs::remove_file(place.path("model.vdt")).unwrap();
+    }
+}

@@ -1,0 +1,147 @@
+//! The frame of a mesh: its local origin, its power of two, and the grid of its Morton codes.
+//!
+//! - *Local origin.* Where the box of the mesh lies so far from zero, on some axis, that single precision would lose
+//!   detail, a point of it is subtracted on that axis. The origin is a multiple of a power of two as large as the box,
+//!   so for coordinates that were single precision to begin with the subtraction is exact.
+//! - *Single precision*, the same for every file format; -0.0 becomes 0.0.
+//! - *Normalisation* by a power of two: exact, so that a mesh scaled by 1024 gives the same tree bit by bit. No absolute
+//!   tolerance is used anywhere.
+//!
+//! The box is that of the vertices which faces name: one format keeps the others, another does not. Taking a coordinate
+//! into the frame is monotone along each axis (so are both roundings), hence the corners of the box, taken into the
+//! frame, are the corners of the box in the frame: nobody has to look at all vertices twice.
+
+use super::morton;
+
+/// A box that grows.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bounds {
+    pub minimum: [f64; 3],
+    pub maximum: [f64; 3],
+}
+
+impl Bounds {
+    pub const EMPTY: Bounds = Bounds { minimum: [f64::INFINITY; 3], maximum: [f64::NEG_INFINITY; 3] };
+
+    pub fn of(positions: impl Iterator<Item = [f64; 3]>) -> Self {
+        let mut bounds = Bounds::EMPTY;
+        positions.for_each(|position| bounds.include(position));
+        bounds
+    }
+
+    #[inline]
+    pub fn include(&mut self, position: [f64; 3]) {
+        for axis in 0..3 {
+            self.minimum[axis] = self.minimum[axis].min(position[axis]);
+            self.maximum[axis] = self.maximum[axis].max(position[axis]);
+        }
+    }
+
+    fn largest_extent(&self) -> f64 {
+        (0..3).map(|axis| self.maximum[axis] - self.minimum[axis]).fold(0.0, f64::max)
+    }
+}
+
+/// How many times the extent of the mesh its box may lie from zero before an origin is subtracted. Up to here single
+/// precision loses at most three of its 24 bits; from here on the subtraction is exact for single-precision input.
+const FAR_FROM_ZERO: f64 = 8.0;
+
+/// What to subtract from the coordinates of a mesh with this box.
+pub(super) fn local_origin(bounds: &Bounds) -> [f64; 3] {
+    let extent = bounds.largest_extent();
+    if !(extent > 0.0 && extent.is_finite()) {
+        return [0.0; 3];
+    }
+    let step = power_of_two(exponent_above(extent));
+    std::array::from_fn(|axis| {
+        let (minimum, maximum) = (bounds.minimum[axis], bounds.maximum[axis]);
+        if minimum.abs().max(maximum.abs()) <= FAR_FROM_ZERO * extent {
+            0.0
+        } else {
+            ((minimum + (maximum - minimum) * 0.5) / step).round() * step
+        }
+    })
+}
+
+/// A position relative to `origin`, in single precision. Infinite where that does not reach.
+#[inline]
+pub(super) fn local(position: [f64; 3], origin: [f64; 3]) -> [f32; 3] {
+    // Adding 0.0 turns -0.0 into 0.0.
+    std::array::from_fn(|axis| (position[axis] - origin[axis]) as f32 + 0.0)
+}
+
+/// The power of two of a mesh and the grid of its Morton codes: 2^21 cells along the longest axis, or more than half
+/// as many.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Grid {
+    /// The mesh is at most 2^exponent wide along every axis.
+    pub exponent: i32,
+    minimum: [f64; 3],
+    cells_per_unit: f64,
+}
+
+impl Grid {
+    /// The grid of a mesh whose local positions have this box; none if the box is a point, or empty.
+    pub fn of(bounds: &Bounds) -> Option<Grid> {
+        let extent = bounds.largest_extent();
+        (extent > 0.0).then(|| {
+            let exponent = exponent_above(extent);
+            Grid { exponent, minimum: bounds.minimum, cells_per_unit: power_of_two(21 - exponent) }
+        })
+    }
+
+    /// The Morton code of a local position.
+    #[inline]
+    pub fn code(&self, position: [f32; 3]) -> u64 {
+        morton::code(position.map(f64::from), self.minimum, self.cells_per_unit)
+    }
+}
+
+/// The smallest power of two that is at least `extent`, as an exponent. `extent` is positive and finite.
+fn exponent_above(extent: f64) -> i32 {
+    // The exponent field of a normal f64: below it lie the powers of two that are too small.
+    let bits = extent.to_bits();
+    let floor = ((bits >> 52) as i32) - 1023;
+    floor + i32::from(bits & ((1 << 52) - 1) != 0)
+}
+
+/// 2^exponent, exactly. Out of f64's range it is 0 or infinite.
+pub(crate) fn power_of_two(exponent: i32) -> f64 {
+    match exponent {
+        -1022..=1023 => f64::from_bits(((exponent + 1023) as u64) << 52),
+        ..-1022 => power_of_two(exponent + 512) * power_of_two(-512),
+        1024.. => f64::INFINITY,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn powers_of_two() {
+        for (extent, exponent) in [(1.0, 0), (1.5, 1), (2.0, 1), (0.75, 0), (1e-30, -99), (1e30, 100)] {
+            assert_eq!(exponent_above(extent), exponent, "{extent}");
+            assert!(power_of_two(exponent) >= extent && power_of_two(exponent - 1) < extent);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_box_goes_into_the_frame_as_its_corners_do(
+            positions in prop::collection::vec(prop::array::uniform3(-1e3..1e3), 1..20),
+            scale in prop_oneof![Just(1.0), Just(1e-30), Just(1e30), Just(3.7)],
+            far in prop_oneof![Just(0.0), Just(1e5), Just(-4.3e6)],
+        ) {
+            let positions: Vec<[f64; 3]> =
+                positions.iter().map(|p: &[f64; 3]| p.map(|value| (value + far) * scale)).collect();
+            let bounds = Bounds::of(positions.iter().copied());
+            let origin = local_origin(&bounds);
+            let all = Bounds::of(positions.iter().map(|p| local(*p, origin).map(f64::from)));
+            prop_assert_eq!(local(bounds.minimum, origin).map(f64::from), all.minimum);
+            prop_assert_eq!(local(bounds.maximum, origin).map(f64::from), all.maximum);
+        }
+    }
+}

@@ -1,0 +1,316 @@
+//! [`super::store`] against [`super::canonical`], on files of every kind and with next to no memory.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use proptest::prelude::*;
+use storage::{ByteSize, Disk, FaultyDisk, LocalDisk, MemoryDisk, Scratch, Spool};
+
+use super::files;
+use super::limits::Limits;
+use super::progress::Progress;
+use super::stored::in_blocks;
+use super::*;
+use crate::mesh::MeshError;
+
+/// What one file holds.
+#[derive(Debug, Clone)]
+struct FileContent {
+    positions: Vec<[f64; 3]>,
+    triangles: Vec<[usize; 3]>,
+}
+
+impl FileContent {
+    fn as_obj(&self) -> String {
+        let vertices = self.positions.iter().map(|[x, y, z]| format!("v {x:?} {y:?} {z:?}\n"));
+        let faces = self.triangles.iter().map(|corners| {
+            let [a, b, c] = corners.map(|corner| corner + 1);
+            format!("f {a} {b} {c}\n")
+        });
+        vertices.chain(faces).collect()
+    }
+}
+
+/// Points of a small lattice: ties, equal positions, flat regions, zeros of both signs.
+fn lattice_point() -> impl Strategy<Value = [f64; 3]> {
+    prop::array::uniform3(prop_oneof![3 => (0..5_i32).prop_map(f64::from), 1 => Just(-0.0), 1 => Just(0.1)])
+}
+
+/// Triangles between any points, also equal ones; some of the points are in none.
+fn soup() -> impl Strategy<Value = FileContent> {
+    let corner = prop::array::uniform3(any::<prop::sample::Index>());
+    (prop::collection::vec(lattice_point(), 1..60), prop::collection::vec(corner, 0..60)).prop_map(
+        |(positions, corners)| {
+            let count = positions.len();
+            FileContent { positions, triangles: corners.iter().map(|c| c.map(|corner| corner.index(count))).collect() }
+        },
+    )
+}
+
+/// A sheet in the order of a scan, or in none, or as a soup of facets.
+fn sheet() -> impl Strategy<Value = FileContent> {
+    let heights = prop::collection::vec(-1.0..1.0_f64, 17 * 17);
+    (1..16_usize, 1..16_usize, heights, 0..3_u8, any::<u64>()).prop_map(|(columns, rows, heights, kind, seed)| {
+        let at = |column: usize, row: usize| row * (columns + 1) + column;
+        let mut content = FileContent { positions: Vec::new(), triangles: Vec::new() };
+        for row in 0..=rows {
+            for column in 0..=columns {
+                content.positions.push([column as f64, row as f64, heights[at(column, row)]]);
+            }
+        }
+        for row in 0..rows {
+            for column in 0..columns {
+                let [a, b] = [at(column, row), at(column + 1, row)];
+                let [c, d] = [at(column + 1, row + 1), at(column, row + 1)];
+                content.triangles.extend([[a, b, c], [a, c, d]]);
+            }
+        }
+        match kind {
+            0 => content,
+            1 => shuffled(&content, seed),
+            _ => FileContent {
+                positions: content.triangles.iter().flatten().map(|corner| content.positions[*corner]).collect(),
+                triangles: (0..content.triangles.len())
+                    .map(|facet| [3 * facet, 3 * facet + 1, 3 * facet + 2])
+                    .collect(),
+            },
+        }
+    })
+}
+
+/// Vertices and triangles in another order, each triangle turned.
+fn shuffled(content: &FileContent, seed: u64) -> FileContent {
+    let mut state = seed | 1;
+    let mut below = |limit: usize| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize % limit
+    };
+    let mut places: Vec<usize> = (0..content.positions.len()).collect();
+    for last in (1..places.len()).rev() {
+        places.swap(last, below(last + 1));
+    }
+    let mut positions = content.positions.clone();
+    places.iter().zip(&content.positions).for_each(|(place, position)| positions[*place] = *position);
+    let mut triangles: Vec<_> = content.triangles.iter().map(|t| t.map(|corner| places[corner])).collect();
+    for last in (1..triangles.len()).rev() {
+        triangles.swap(last, below(last + 1));
+        triangles[last].rotate_left(below(3));
+    }
+    FileContent { positions, triangles }
+}
+
+/// One to three files that are one mesh, near zero or far from it, of any size.
+fn meshes() -> impl Strategy<Value = Vec<FileContent>> {
+    let scale = prop_oneof![4 => Just(1.0), 1 => Just(1e-30), 1 => Just(0.001), 1 => Just(1e36), 1 => Just(3e38)];
+    let far = prop_oneof![3 => Just(0.0), 1 => Just(4e6), 1 => Just(-1234.5)];
+    let mirrored = any::<bool>();
+    (prop::collection::vec(prop_oneof![soup(), sheet()], 1..4), scale, far, mirrored).prop_map(
+        |(mut files, scale, far, mirrored)| {
+            for file in &mut files {
+                file.positions.iter_mut().flatten().for_each(|value| *value = *value * scale + far);
+                if mirrored {
+                    file.positions.iter_mut().for_each(|position| position[1] = -position[1]);
+                }
+            }
+            files
+        },
+    )
+}
+
+fn on_disk(contents: &[FileContent]) -> (MemoryDisk, Vec<PathBuf>) {
+    let disk = MemoryDisk::new();
+    let paths: Vec<PathBuf> = (0..contents.len()).map(|number| PathBuf::from(format!("{number}.obj"))).collect();
+    for (path, content) in paths.iter().zip(contents) {
+        // An OBJ without a line is no mesh file.
+        disk.insert(path, format!("# made for a test\n{}", content.as_obj()).into_bytes());
+    }
+    (disk, paths)
+}
+
+/// A scratch that goes to this disk.
+fn scratch_on(disk: impl Disk + 'static) -> Scratch {
+    Scratch::open(Arc::new(disk), Path::new("scratch"), "").unwrap().0
+}
+
+/// [`store`], also with limits for which it would be refused.
+fn store_within(
+    disk: &dyn Disk,
+    scratch: &Scratch,
+    paths: &[PathBuf],
+    limits: &Limits,
+) -> Result<StoredMesh, MeshError> {
+    let mut last = 0.0;
+    let mut report = |done: f64| {
+        assert!(done >= last && done < 1.0 + 1e-9, "{last} -> {done}");
+        last = done;
+    };
+    let mut progress = Progress::new(&mut report);
+    let files = files::read(disk, scratch, paths, limits, &mut progress)?;
+    in_blocks(files, scratch, limits, &mut progress)
+}
+
+fn all<T: bytemuck::Pod>(spool: &Spool<T>) -> Vec<T> {
+    let mut records = vec![T::zeroed(); spool.len() as usize];
+    spool.read_at(0, &mut records).unwrap();
+    records
+}
+
+/// The stored mesh is the mesh in core, and its blocks are what they should be.
+fn check(stored: &StoredMesh, core: &CoreMesh, block_triangles: u64) {
+    let bits = |positions: &[[f32; 3]]| positions.iter().map(|p| p.map(f32::to_bits)).collect::<Vec<_>>();
+    let (positions, triangles) = (all(&stored.positions), all(&stored.triangles));
+    assert_eq!(bits(&positions), bits(&core.positions));
+    assert_eq!(triangles, core.triangles);
+    assert_eq!((stored.origin, stored.exponent), (core.origin, core.exponent));
+    assert_eq!(stored.cleaning, core.cleaning);
+    let extreme = |axis: usize, largest: bool| {
+        let values = positions.iter().map(|position| position[axis]);
+        if largest { values.max_by(f32::total_cmp) } else { values.min_by(f32::total_cmp) }.unwrap_or(0.0)
+    };
+    assert_eq!(stored.bounds, [false, true].map(|largest| [0, 1, 2].map(|axis| extreme(axis, largest))));
+
+    let firsts: Vec<u32> = stored.blocks.iter().map(|block| block.first_vertex).collect();
+    assert!(firsts.is_sorted_by(|left, right| left < right));
+    assert_eq!(firsts.first(), (!positions.is_empty()).then_some(&0));
+    let block_of = |vertex: u32| firsts.partition_point(|first| *first <= vertex) - 1;
+    for (number, block) in stored.blocks.iter().enumerate() {
+        assert!((block.first_vertex as usize) < positions.len());
+        let first_triangle = triangles.partition_point(|triangle| block_of(triangle[0]) < number);
+        assert_eq!(block.first_triangle as usize, first_triangle);
+        let end = stored.blocks.get(number + 1).map_or(triangles.len(), |next| next.first_triangle as usize);
+        let inside = &triangles[first_triangle..end];
+        assert!(
+            inside.len() as u64 <= (2 * block_triangles).max(1) || inside.iter().all(|t| t[0] == inside[0][0]),
+            "{} triangles in a block of {block_triangles}",
+            inside.len()
+        );
+    }
+    let abroad = |corners: &[u32; 3]| {
+        let home = block_of(corners[0]);
+        corners.map(|corner| (block_of(corner) != home).then_some(corner))
+    };
+    let seam: BTreeSet<u32> = triangles.iter().flat_map(abroad).flatten().collect();
+    assert_eq!(all(&stored.seam_vertices), Vec::from_iter(seam));
+}
+
+fn in_core(disk: &dyn Disk, paths: &[PathBuf]) -> Result<(CoreMesh, FileCounts), MeshError> {
+    load(disk, paths, ByteSize(u64::MAX), &reading_needs)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(1000))]
+
+    #[test]
+    fn any_files_in_any_memory_give_the_canonical_mesh(
+        contents in meshes(),
+        memory in prop_oneof![0_usize..4000, Just(1 << 20)],
+        block_triangles in prop_oneof![0_u64..40, Just(u64::MAX)],
+        vertex_chunk in 1_usize..30,
+        triangle_chunk in 1_u64..30,
+        threads in 1_usize..3,
+        in_memory: bool,
+    ) {
+        let (disk, paths) = on_disk(&contents);
+        let limits = Limits { memory, threads, block_triangles, vertex_chunk, triangle_chunk };
+        let temporary = MemoryDisk::new();
+        let scratch = if in_memory { Scratch::in_memory() } else { scratch_on(temporary.clone()) };
+        match (store_within(&disk, &scratch, &paths, &limits), in_core(&disk, &paths)) {
+            (Ok(stored), Ok((core, counts))) => {
+                prop_assert_eq!(stored.files, counts);
+                check(&stored, &core, block_triangles.min(1 << 32));
+            }
+            (Err(stored), Err(core)) => prop_assert_eq!(stored.to_string(), core.to_string()),
+            (stored, core) => prop_assert!(false, "stored: {:?}, in core: {:?}", stored.is_ok(), core.is_ok()),
+        }
+        prop_assert_eq!(scratch.bytes_on_disk(), 0);
+        drop(scratch);
+        prop_assert!(temporary.paths().is_empty());
+    }
+}
+
+#[test]
+fn a_read_that_fails_is_an_error() {
+    let content =
+        FileContent { positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], triangles: vec![[0, 1, 2]] };
+    let (disk, paths) = on_disk(&[content.clone(), content]);
+    let disk = FaultyDisk::new(Arc::new(disk));
+    let limits = Limits { memory: 100, threads: 1, block_triangles: 9, vertex_chunk: 9, triangle_chunk: 9 };
+    let outcome = |reads| {
+        disk.fail_reads_after(reads);
+        store_within(&disk, &Scratch::in_memory(), &paths, &limits)
+    };
+    let failed: Vec<MeshError> = (0..).map_while(|reads| outcome(reads).err()).collect();
+    assert!(failed.len() >= 4, "{}", failed.len());
+    assert!(failed.iter().all(|error| error.to_string().ends_with("injected fault")), "{failed:?}");
+}
+
+#[test]
+fn a_scratch_disk_that_fails_is_an_error_and_leaves_nothing() {
+    let columns = 40;
+    let positions: Vec<[f64; 3]> =
+        (0..columns * columns).map(|number| [f64::from(number % columns), f64::from(number / columns), 0.1]).collect();
+    let triangles = (0..positions.len() - columns as usize - 1).map(|a| [a, a + 1, a + columns as usize + 1]).collect();
+    let (disk, paths) = on_disk(&[FileContent { positions, triangles }]);
+    let limits = Limits { memory: 4096, threads: 1, block_triangles: 99, vertex_chunk: 99, triangle_chunk: 99 };
+    let core = in_core(&disk, &paths).unwrap().0;
+    for full in [true, false] {
+        let (mut faults, mut limit) = (0, 0);
+        loop {
+            let temporary = MemoryDisk::new();
+            let faulty = FaultyDisk::new(Arc::new(temporary.clone()));
+            let scratch = scratch_on(faulty.clone());
+            if full {
+                faulty.full_after(limit)
+            } else {
+                faulty.fail_reads_after(limit)
+            }
+            match store_within(&disk, &scratch, &paths, &limits) {
+                Ok(stored) => {
+                    faulty.heal();
+                    check(&stored, &core, 99);
+                    break;
+                }
+                Err(error) => assert!(error.to_string().contains("scratch/0"), "{error}"),
+            }
+            drop(scratch);
+            assert!(temporary.paths().is_empty());
+            faults += 1;
+            limit += if full { 8192 } else { 1 };
+        }
+        assert!(faults > 10, "{faults}");
+    }
+}
+
+#[test]
+fn a_position_beyond_single_precision_is_refused_with_its_file_and_number() {
+    let square = |size: f64| FileContent {
+        positions: vec![[9e99, 0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, size, 0.0]],
+        triangles: vec![[1, 2, 3]],
+    };
+    let (disk, paths) = on_disk(&[square(1.0), square(1e50)]);
+    let limits = Limits { memory: 100, threads: 1, block_triangles: 9, vertex_chunk: 9, triangle_chunk: 9 };
+    let expected = "1.obj: vertex 3: the coordinates are too large for single precision";
+    assert_eq!(store_within(&disk, &Scratch::in_memory(), &paths, &limits).unwrap_err().to_string(), expected);
+    assert_eq!(in_core(&disk, &paths).unwrap_err().to_string(), expected);
+}
+
+#[test]
+fn less_memory_than_the_smallest_is_refused_with_the_figure() {
+    let content = FileContent { positions: vec![[0.0; 3]; 3], triangles: vec![[0, 1, 2]] };
+    let (disk, paths) = on_disk(&[content]);
+    let mut plan = IngestPlan { memory: ByteSize(1 << 20), threads: 1, block_triangles: 1000 };
+    let error = store(&disk, &Scratch::in_memory(), &paths, &plan, &mut |_| ()).unwrap_err();
+    let MeshError::OverMemory { vertices: 3, triangles: 1, needed, .. } = error else { panic!("{error}") };
+    plan.memory = needed;
+    let stored = store(&disk, &Scratch::in_memory(), &paths, &plan, &mut |_| ()).unwrap();
+    assert_eq!(stored.cleaning.degenerate_triangles, 1);
+}
+
+#[test]
+fn a_missing_file_is_an_error() {
+    let plan = IngestPlan { memory: ByteSize(64 << 20), threads: 1, block_triangles: 1000 };
+    let paths = [Path::new("/nowhere/at/all.ply").to_path_buf()];
+    let error = store(&LocalDisk, &Scratch::in_memory(), &paths, &plan, &mut |_| ()).unwrap_err();
+    assert!(error.to_string().contains("/nowhere/at/all.ply"), "{error}");
+}

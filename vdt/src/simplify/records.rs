@@ -1,0 +1,250 @@
+//! A mesh that is being simplified, as it lies on disk between passes: [`VertexRecord`], [`TriangleRecord`], and a
+//! [`Piece`] of them.
+//!
+//! A piece is any part of the mesh: triangles, and all their corners. A vertex whose triangles lie in several pieces has
+//! a record in each; the copies agree but for the rounds and switch values that grow, of which the largest counts
+//! ([`VertexRecord::unite`]).
+
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+
+use bytemuck::{Pod, Zeroable};
+use storage::{Scratch, Spool, SpoolWriter, StorageError};
+
+use super::live_mesh::{LiveMesh, Node, Triangle, Vertex};
+use super::metric::Quadric;
+
+/// A vertex that is left. 92 bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct VertexRecord {
+    /// The node that it stands for.
+    pub node: Node,
+    /// Its quadric, about its own position.
+    pub quadric: Quadric,
+    /// The round in which its star changed last, whether it lies on an edge that is not regular, and whether all of its
+    /// star is in the pieces of the same seam.
+    pub state: u32,
+    /// The first and the last block that has triangles at it, where there is more than one; otherwise at most that one.
+    /// By the numbers that blocks had in the pass that wrote it.
+    pub span: Span,
+}
+
+impl VertexRecord {
+    /// Takes over what another copy of the same vertex knows more.
+    pub fn unite(&mut self, other: &VertexRecord) {
+        // The round is in the low bits, the flags above it are the same in all copies.
+        self.state = self.state.max(other.state);
+        self.node.star_switch = self.node.star_switch.max(other.node.star_switch);
+        self.span = self.span.around(other.span);
+    }
+}
+
+/// A stretch of blocks, by their numbers in a pass.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Span {
+    /// The first block.
+    pub first: u16,
+    /// The last block.
+    pub last: u16,
+}
+
+impl Span {
+    /// No block at all.
+    pub const NONE: Span = Span { first: u16::MAX, last: 0 };
+
+    /// One block.
+    pub fn of(block: u16) -> Self {
+        Span { first: block, last: block }
+    }
+
+    /// The shortest stretch that holds both.
+    pub fn around(self, other: Span) -> Self {
+        Span { first: self.first.min(other.first), last: self.last.max(other.last) }
+    }
+
+    /// Whether there is more than one block in it.
+    pub fn is_shared(self) -> bool {
+        self.first < self.last
+    }
+
+    /// The same blocks by other numbers, that ascend.
+    pub fn renumbered(self, numbers: &[u16]) -> Self {
+        if self.first > self.last {
+            return Span::NONE;
+        }
+        Span { first: numbers[usize::from(self.first)], last: numbers[usize::from(self.last)] }
+    }
+
+    /// Whether all of it lies in `first..=last`.
+    pub fn is_within(self, first: u16, last: u16) -> bool {
+        first <= self.first && self.last <= last || self.first > self.last
+    }
+}
+
+/// A triangle that is left. 20 bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct TriangleRecord {
+    /// Its corners, as places in the list of vertices of its piece.
+    pub corners: [u32; 3],
+    /// Its canonical id.
+    pub id: u32,
+    /// Switch value of the collapse that rewrote it last; 0 where none did.
+    pub switch: f32,
+}
+
+/// A part of the mesh on disk.
+#[derive(Debug)]
+pub struct Piece {
+    /// Its vertices, by ascending canonical id.
+    pub vertices: Spool<VertexRecord>,
+    /// Its triangles, by ascending canonical id.
+    pub triangles: Spool<TriangleRecord>,
+}
+
+/// The stores of a piece being written.
+#[derive(Debug)]
+pub(super) struct PieceWriter {
+    vertices: SpoolWriter<VertexRecord>,
+    triangles: SpoolWriter<TriangleRecord>,
+}
+
+impl PieceWriter {
+    /// Within so many bytes of RAM while it is written; none of it stays there.
+    pub fn new(scratch: &Scratch, name: &str, ram_bytes: usize) -> Self {
+        PieceWriter {
+            vertices: SpoolWriter::new(scratch, name, ram_bytes / 2),
+            triangles: SpoolWriter::new(scratch, name, ram_bytes / 2),
+        }
+    }
+
+    /// Writes the live triangles of a mesh for which `is_chosen` holds, with their corners. `places` is a buffer.
+    /// `is_whole` says of which vertices all of the star goes into this piece and others of the same seam.
+    pub fn write(
+        mut self,
+        mesh: &LiveMesh,
+        spans: &[Span],
+        is_chosen: impl Fn(usize) -> bool,
+        is_whole: impl Fn(usize) -> bool,
+        places: &mut Vec<u32>,
+    ) -> Result<Piece, StorageError> {
+        const UNUSED: u32 = u32::MAX;
+        places.clear();
+        places.resize(mesh.vertices.len(), UNUSED);
+        let chosen = || (0..mesh.triangles.len()).filter(|triangle| mesh.is_live(*triangle) && is_chosen(*triangle));
+        for triangle in chosen() {
+            for corner in mesh.triangles[triangle].corners {
+                places[corner as usize] = 0;
+            }
+        }
+        let mut next = 0;
+        for (vertex, place) in places.iter_mut().enumerate() {
+            if *place != UNUSED {
+                *place = next;
+                next += 1;
+                let Vertex { quadric, .. } = mesh.vertices[vertex];
+                let state = mesh.vertices[vertex].lasting_state(is_whole(vertex));
+                let (node, span) = (mesh.nodes[vertex], spans[vertex]);
+                self.vertices.push(VertexRecord { node, quadric, state, span })?;
+            }
+        }
+        for triangle in chosen() {
+            let Triangle { corners, switch } = mesh.triangles[triangle];
+            let corners = corners.map(|corner| places[corner as usize]);
+            self.triangles.push(TriangleRecord { corners, id: mesh.triangle_ids[triangle], switch })?;
+        }
+        Ok(Piece { vertices: self.vertices.finish_on_disk()?, triangles: self.triangles.finish_on_disk()? })
+    }
+}
+
+/// Reads pieces into an empty live mesh, each vertex once; fills in the span of each vertex, and for each triangle the
+/// number that its piece comes with. `ram_bytes` are for buffers.
+pub(super) fn read_pieces<'a>(
+    mesh: &mut LiveMesh,
+    pieces: impl Iterator<Item = (u16, &'a Piece)> + Clone,
+    spans: &mut Vec<Span>,
+    numbers: &mut Vec<u16>,
+    ram_bytes: usize,
+) -> Result<(), StorageError> {
+    let count = pieces.clone().count();
+    let buffer = (ram_bytes / count.max(1)).clamp(4 << 10, 256 << 10);
+    let mut readers: Vec<_> = pieces.clone().map(|(_, piece)| piece.vertices.reader(buffer)).collect();
+    let vertices: u64 = pieces.clone().map(|(_, piece)| piece.vertices.len()).sum();
+    let triangles: u64 = pieces.clone().map(|(_, piece)| piece.triangles.len()).sum();
+    mesh.reserve(vertices as usize, triangles as usize);
+    // For each piece, where its vertices have gone.
+    let mut places: Vec<Vec<u32>> = Vec::with_capacity(count);
+    let mut heads = BinaryHeap::with_capacity(count);
+    for (index, (_, piece)) in pieces.clone().enumerate() {
+        places.push(Vec::with_capacity(piece.vertices.len() as usize));
+        if let Some(record) = readers[index].next()? {
+            heads.push(Head { index, record });
+        }
+    }
+    let mut united: Option<VertexRecord> = None;
+    while let Some(mut head) = heads.pop() {
+        // As long as this piece has the smallest vertex, the heap has nothing to do.
+        loop {
+            let record = head.record;
+            match &mut united {
+                Some(before) if before.node.id == record.node.id => before.unite(&record),
+                before => {
+                    if let Some(done) = before.replace(record) {
+                        mesh.push_vertex(done.node, done.quadric, done.state);
+                        spans.push(done.span);
+                    }
+                }
+            }
+            places[head.index].push(mesh.vertices.len() as u32);
+            let Some(record) = readers[head.index].next()? else { break };
+            head.record = record;
+            if heads.peek().is_some_and(|other| other.record.node.id < record.node.id) {
+                heads.push(head);
+                break;
+            }
+        }
+    }
+    if let Some(done) = united {
+        mesh.push_vertex(done.node, done.quadric, done.state);
+        spans.push(done.span);
+    }
+    drop(readers);
+    for ((number, piece), places) in pieces.zip(&places) {
+        let mut reader = piece.triangles.reader(256 << 10);
+        while let Some(TriangleRecord { corners, id, switch }) = reader.next()? {
+            let corners = corners.map(|corner| places[corner as usize]);
+            mesh.push_triangle(id, Triangle { corners, switch });
+            numbers.push(number);
+        }
+    }
+    mesh.build_stars();
+    Ok(())
+}
+
+/// The next vertex of a piece. The smallest is the greatest, for the heap.
+struct Head {
+    index: usize,
+    record: VertexRecord,
+}
+
+impl PartialEq for Head {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl Eq for Head {}
+
+impl PartialOrd for Head {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Head {
+    fn cmp(&self, other: &Self) -> Ordering {
+        other.record.node.id.cmp(&self.record.node.id)
+    }
+}

@@ -1,0 +1,146 @@
+//! The mesh on disk, with random access: every vertex and every triangle by its canonical id, and from a vertex to the
+//! triangles at it.
+//!
+//! The triangles at a vertex are chained through the triangles themselves, so that all records have one size and a
+//! collapse moves none of them. A triangle that is gone may stay in the chain of a corner whose whole star was not in
+//! memory when it went; it is passed over, and taken out when that star is written the next time.
+//!
+//! Memory: the pages that were allowed. I/O: 96 bytes for each vertex and 32 for each triangle, in pages of 4 KiB;
+//! canonical ids follow the Morton order, so neighbours mostly lie in the same or in a few pages.
+
+use bytemuck::{Pod, Zeroable};
+use storage::{RecordFile, Scratch, StorageError, Traffic};
+
+use crate::simplify::live_mesh::Node;
+use crate::simplify::metric::Quadric;
+
+/// A vertex. 96 bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct StoredVertex {
+    /// The node that it stands for.
+    pub node: Node,
+    /// Its quadric, about its own position.
+    pub quadric: Quadric,
+    /// Whether it lies on an edge that is not regular, as `Vertex::lasting_state` has it.
+    pub state: u32,
+    /// Where its chain of triangles begins. No vertex that is left is without triangles: one without is gone.
+    pub star: Link,
+    /// How many of its edges are rejected.
+    pub rejected: u32,
+}
+
+impl StoredVertex {
+    /// Whether it was collapsed onto another one.
+    pub fn is_gone(&self) -> bool {
+        self.star == Link::END
+    }
+}
+
+/// A triangle. 32 bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct StoredTriangle {
+    /// Canonical ids of its corners, in its orientation.
+    pub corners: [u32; 3],
+    /// Switch value of the collapse that rewrote it last; 0 where none did.
+    pub switch: f32,
+    /// The next triangle in the chain of each corner.
+    pub next: [Link; 3],
+    /// [`GONE`], and for each side, from corner 0 to 1, 1 to 2, 2 to 0, a bit that says that this edge is rejected.
+    pub flags: u32,
+}
+
+/// Bit of [`StoredTriangle::flags`]: the triangle disappeared.
+pub(super) const GONE: u32 = 1 << 3;
+
+impl StoredTriangle {
+    pub fn is_gone(&self) -> bool {
+        self.flags & GONE != 0
+    }
+
+    /// The next triangle in the chain of a vertex; the end where the vertex is no corner.
+    pub fn next_at(&self, vertex: u32) -> Link {
+        match self.corners.iter().position(|corner| *corner == vertex) {
+            Some(corner) => self.next[corner],
+            None => Link::END,
+        }
+    }
+
+    /// Changes the next triangle in the chain of a corner. Whether it was another one.
+    pub fn set_next_at(&mut self, vertex: u32, next: Link) -> bool {
+        let Some(corner) = self.corners.iter().position(|corner| *corner == vertex) else { return false };
+        std::mem::replace(&mut self.next[corner], next) != next
+    }
+}
+
+/// A triangle in a chain, or the end of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(transparent)]
+pub(super) struct Link(u32);
+
+impl Link {
+    pub const END: Link = Link(0);
+
+    pub fn to(triangle: u32) -> Self {
+        Link(triangle + 1)
+    }
+
+    pub fn triangle(self) -> Option<u32> {
+        self.0.checked_sub(1)
+    }
+}
+
+/// The stores of vertices and triangles.
+#[derive(Debug)]
+pub(super) struct MeshStore {
+    vertices: RecordFile<StoredVertex>,
+    triangles: RecordFile<StoredTriangle>,
+    /// How many vertices there were in the beginning.
+    pub vertex_count: u32,
+    /// How many triangles there were in the beginning.
+    pub triangle_count: u32,
+    /// Vertices that are left.
+    pub live_vertices: u64,
+    /// Triangles that are left.
+    pub live_triangles: u64,
+}
+
+impl MeshStore {
+    /// An empty store for a mesh, with so many bytes of pages in RAM.
+    pub fn new(
+        scratch: &Scratch,
+        [vertex_count, triangle_count]: [u32; 2],
+        ram_bytes: usize,
+    ) -> Result<Self, StorageError> {
+        Ok(MeshStore {
+            vertices: RecordFile::new(scratch, "vertex-records", ram_bytes / 5 * 3)?,
+            triangles: RecordFile::new(scratch, "triangle-records", ram_bytes / 5 * 2)?,
+            vertex_count,
+            triangle_count,
+            live_vertices: vertex_count.into(),
+            live_triangles: triangle_count.into(),
+        })
+    }
+
+    pub fn vertex(&mut self, id: u32) -> Result<StoredVertex, StorageError> {
+        self.vertices.get(id.into())
+    }
+
+    pub fn put_vertex(&mut self, id: u32, vertex: &StoredVertex) -> Result<(), StorageError> {
+        self.vertices.put(id.into(), vertex)
+    }
+
+    pub fn triangle(&mut self, id: u32) -> Result<StoredTriangle, StorageError> {
+        self.triangles.get(id.into())
+    }
+
+    pub fn put_triangle(&mut self, id: u32, triangle: &StoredTriangle) -> Result<(), StorageError> {
+        self.triangles.put(id.into(), triangle)
+    }
+
+    /// Bytes that passed between RAM and the files.
+    pub fn traffic(&self) -> Traffic {
+        self.vertices.traffic() + self.triangles.traffic()
+    }
+}

@@ -1,0 +1,295 @@
+//! From the log of collapses to the stored tree, in external memory: numbering, leaf intervals, ids, born triangles.
+//!
+//! - Leaves are renumbered in depth-first order of the forest, the kept child first; trees by their root's canonical id.
+//! - Ids: leaves 0..n, inner nodes n + their rank by (switch value as stored, build order): a linear extension of the
+//!   dependency DAG, since switch values are monotone over it (the paper, 3.3.5; design, section 1).
+//! - A triangle is born at the split that undoes the collapse at which it died: the deepest node that holds two of its
+//!   corners.
+//!
+//! | step | from | to |
+//! |---|---|---|
+//! | `numbering` | the log, read from its end | leaf of each vertex; splits without ids, and what ids go by, by leaf |
+//! | `identifiers` | what ids go by, sorted | ids, by leaf |
+//! | here | splits and ids | [`StoredTree::splits`] |
+//! | here | positions, leaf of each vertex | [`StoredTree::positions`] |
+//! | `born_triangles` | triangles and deaths, leaf of each vertex | [`StoredTree::triangles`] and their counts |
+//!
+//! Everything is streamed, put in place by dense keys or sorted, so nothing takes RAM in proportion to the mesh but the
+//! roots: 24 bytes for each component, on top of `memory` (as the engine's are). Of `memory`, the leaves of the vertices
+//! take a quarter, from the first step to the last; the finished tree takes up to a quarter, and may keep it in RAM; each
+//! step shares the rest ([`Shares`]). What the mesh and the log hold in RAM is theirs, and not counted; each part is
+//! dropped as soon as it was read. Where everything fits, no disk is touched.
+//!
+//! I/O where nothing fits, in bytes for each triangle of a mesh with two triangles for each vertex:
+//!
+//! | | read | written |
+//! |---|---|---|
+//! | log, deaths, positions, triangles | 46 | |
+//! | leaf of each vertex, where segments of the log are local | 6 | 4 |
+//! | what ids go by, sorted in one merge | 12 | 12 |
+//! | splits without ids, ids, positions, put in place (with their keys) | 26 | 26 |
+//! | born triangles, sorted in one merge | 16 | 16 |
+//! | the tree | | 32 |
+//!
+//! In all 196, and 78 on disk at the peak (at the end of the numbering, 46 of them the input).
+
+mod born_triangles;
+mod identifiers;
+mod numbering;
+
+use storage::{ByteSize, PagedArray, Scatter, Scattered, Scratch, Spool, SpoolWriter, StorageError};
+use thiserror::Error;
+
+use super::record::{NormalCone, Root, Split};
+use super::stored::StoredTree;
+use crate::ingest::StoredMesh;
+use crate::simplify::log::{LoggedRoot, Simplified};
+
+/// Why a log of collapses does not make a tree, or could not be read.
+#[derive(Debug, Error)]
+pub enum FinishError {
+    /// The disk failed.
+    #[error(transparent)]
+    Storage(#[from] StorageError),
+    /// Not as many collapses and roots as vertices, or too many to be numbered.
+    #[error("{vertices} vertices, {collapses} collapses and {roots} roots: they do not add up, or are more than 2^31")]
+    Count {
+        /// Vertices of the mesh.
+        vertices: u64,
+        /// Collapses of the log.
+        collapses: u64,
+        /// Roots that were left.
+        roots: u64,
+    },
+    /// The trees have to tile the leaves.
+    #[error("root {root} (vertex {vertex}) has {leaves} leaves and a split at {split}: not a tree of this mesh")]
+    Root {
+        /// Which root.
+        root: usize,
+        /// Its canonical vertex.
+        vertex: u32,
+        /// How many leaves it is said to have.
+        leaves: u32,
+        /// Where its split is said to divide them.
+        split: u32,
+    },
+    /// A collapse is not in its place of the log, or its node does not fit in its parent.
+    #[error("collapse {collapse} of the log (vertex {born} onto {kept}): {problem}")]
+    Collapse {
+        /// Its index in the log.
+        collapse: u64,
+        /// The vertex that stays.
+        kept: u32,
+        /// The vertex that goes.
+        born: u32,
+        /// What does not fit.
+        problem: &'static str,
+    },
+    /// A vertex is neither a root nor born by a collapse.
+    #[error("vertex {vertex} is neither a root nor born by a collapse")]
+    Vertex {
+        /// Its canonical id.
+        vertex: u32,
+    },
+    /// A triangle cannot have died at the collapse that it is said to have died at.
+    #[error("triangle {triangle}: {problem}")]
+    Triangle {
+        /// Its canonical number.
+        triangle: u64,
+        /// What does not fit.
+        problem: &'static str,
+    },
+}
+
+/// Makes the tree of a mesh from the log of its simplification.
+///
+/// `memory` bounds what the steps hold in RAM (see the module), not what `mesh` and `simplified` hold; `progress` is
+/// called now and then with the share of the work that is done, 0 to 1. The tree depends on neither of `scratch`,
+/// `memory` and `threads`.
+///
+/// # Errors
+///
+/// Those of the disk; [`FinishError`] where mesh and log do not belong together.
+pub fn finish(
+    mesh: StoredMesh,
+    simplified: Simplified,
+    scratch: &Scratch,
+    memory: ByteSize,
+    threads: usize,
+    progress: &mut dyn FnMut(f64),
+) -> Result<StoredTree, FinishError> {
+    let StoredMesh { positions, triangles, origin, .. } = mesh;
+    let Simplified { log, deaths, roots, .. } = simplified;
+    let (vertices, collapses) = (positions.len(), log.len());
+    let wrong = FinishError::Count { vertices, collapses, roots: roots.len() as u64 };
+    // Ids are below twice as many.
+    let leaf_count = match u32::try_from(vertices) {
+        Ok(count) if count <= 1 << 31 && collapses + roots.len() as u64 == vertices => count,
+        _ => return Err(wrong),
+    };
+    let total = 4 * vertices + 2 * triangles.len();
+    let work = &mut Work { leaf_count, scratch, shares: Shares::of(memory), threads, progress, done: 0, total };
+
+    let outward: Vec<i8> = roots.iter().map(|root| root.outward).collect();
+    let mut leaf_of = PagedArray::new(scratch, "leaf-of-vertex", vertices, UNNUMBERED, work.shares.leaf_of)?;
+    let roots = place_roots(&roots, leaf_count, &mut leaf_of)?;
+    let (keys, splits) = numbering::number(&log, &mut leaf_of, work)?;
+    drop(log);
+    let ranks = identifiers::rank(keys, work)?;
+    let splits = complete_splits(splits, ranks, &roots, &outward, work)?;
+    let positions = in_leaf_order(positions, &mut leaf_of, work)?;
+    let sorted = born_triangles::sort(triangles, deaths, leaf_of, work)?;
+    let (triangle_counts, triangles) = born_triangles::write(sorted, work)?;
+    Ok(StoredTree { positions, splits, triangle_counts, triangles, roots, origin })
+}
+
+/// What all steps are given.
+struct Work<'a> {
+    leaf_count: u32,
+    scratch: &'a Scratch,
+    shares: Shares,
+    threads: usize,
+    progress: &'a mut dyn FnMut(f64),
+    /// Records done so far, over all steps.
+    done: u64,
+    total: u64,
+}
+
+impl Work<'_> {
+    /// One record more is done: tells of it now and then.
+    #[inline]
+    fn step(&mut self) {
+        self.done += 1;
+        if self.done & 0xffff == 0 {
+            (self.progress)(self.done as f64 / self.total as f64);
+        }
+    }
+}
+
+/// In the table of leaves: a vertex whose leaf is not known yet.
+const UNNUMBERED: u32 = u32::MAX;
+
+/// Who gets how many bytes of RAM. A step begins when the one before it has let go of its share.
+///
+/// | share | /16 of memory | held from | to |
+/// |---|---|---|---|
+/// | `leaf_of` | 4 | numbering | sorting of triangles |
+/// | `log` | 1 | numbering | |
+/// | `keys` | 4 | numbering | ranking |
+/// | `partial_splits` | 4 | numbering | completing of splits |
+/// | `ranks` | 3 | ranking | completing of splits |
+/// | `moved_positions` | 5 | positions | |
+/// | `input` | 1 | positions | sorting of triangles |
+/// | `born_triangles` | 6 | sorting of triangles | writing of triangles |
+/// | the four of the finished tree | 4 | | the end |
+struct Shares {
+    leaf_of: usize,
+    log: usize,
+    keys: usize,
+    partial_splits: usize,
+    ranks: usize,
+    moved_positions: usize,
+    input: usize,
+    born_triangles: usize,
+    splits: usize,
+    positions: usize,
+    triangles: usize,
+    triangle_counts: usize,
+}
+
+impl Shares {
+    fn of(memory: ByteSize) -> Self {
+        let memory = usize::try_from(memory.0).unwrap_or(usize::MAX);
+        let sixteenth = memory / 16;
+        // By their sizes, with two triangles for each leaf: 24, 12, 24 and 4 bytes for a leaf.
+        let of_tree = |bytes: usize| memory / 4 / 64 * bytes;
+        Shares {
+            leaf_of: 4 * sixteenth,
+            log: sixteenth,
+            keys: 4 * sixteenth,
+            partial_splits: 4 * sixteenth,
+            ranks: 3 * sixteenth,
+            moved_positions: 5 * sixteenth,
+            input: sixteenth,
+            born_triangles: 6 * sixteenth,
+            splits: of_tree(24),
+            positions: of_tree(12),
+            triangles: of_tree(24),
+            triangle_counts: of_tree(4),
+        }
+    }
+}
+
+/// Lays the trees side by side, by ascending vertex of their roots.
+fn place_roots(roots: &[LoggedRoot], leaf_count: u32, leaf_of: &mut PagedArray) -> Result<Vec<Root>, FinishError> {
+    let mut placed = Vec::with_capacity(roots.len());
+    let mut start = 0_u32;
+    for (number, LoggedRoot { vertex, leaves, split, .. }) in roots.iter().copied().enumerate() {
+        let wrong = FinishError::Root { root: number, vertex, leaves, split };
+        let is_last = number + 1 == roots.len();
+        let end = start.checked_add(leaves).filter(|end| if is_last { *end == leaf_count } else { *end < leaf_count });
+        let (Some(end), true) = (end, 0 < split && split < leaves && vertex < leaf_count) else {
+            return Err(wrong);
+        };
+        placed.push(Root { start, end, split: start + split });
+        leaf_of.set(vertex, start)?;
+        start = end;
+    }
+    Ok(placed)
+}
+
+/// Gives the splits their ids, turns their cones outward, and marks the places that no split has.
+fn complete_splits(
+    mut splits: Scattered<Split>,
+    mut ranks: Scattered<u32>,
+    roots: &[Root],
+    outward: &[i8],
+    work: &mut Work<'_>,
+) -> Result<Spool<Split>, FinishError> {
+    let mut completed = SpoolWriter::new(work.scratch, "splits", work.shares.splits);
+    for (root, outward) in roots.iter().zip(outward) {
+        for leaf in root.start..root.end {
+            let (Some(split), Some(rank)) = (splits.next()?, ranks.next()?) else { break };
+            completed.push(if leaf == root.start {
+                Split::VACANT
+            } else {
+                let cone = match outward {
+                    1 => split.cone,
+                    -1 => split.cone.reversed(),
+                    _ => NormalCone::EVERYTHING,
+                };
+                Split { id: work.leaf_count + rank, cone, ..split }
+            })?;
+            work.step();
+        }
+    }
+    Ok(completed.finish()?)
+}
+
+/// Positions by leaf, from positions by canonical id.
+fn in_leaf_order(
+    positions: Spool<[f32; 3]>,
+    leaf_of: &mut PagedArray,
+    work: &mut Work<'_>,
+) -> Result<Spool<[f32; 3]>, FinishError> {
+    let mut moved = Scatter::new(work.scratch, "positions-by-leaf", positions.len(), work.shares.moved_positions);
+    {
+        let mut reader = positions.reader(work.shares.input);
+        let mut vertex = 0;
+        while let Some(position) = reader.next()? {
+            match leaf_of.get(vertex)? {
+                UNNUMBERED => return Err(FinishError::Vertex { vertex }),
+                leaf => moved.put(leaf, position)?,
+            }
+            vertex += 1;
+            work.step();
+        }
+    }
+    drop(positions);
+    let mut moved = moved.finish()?;
+    let mut ordered = SpoolWriter::new(work.scratch, "positions", work.shares.positions);
+    while let Some(position) = moved.next()? {
+        ordered.push(position)?;
+    }
+    Ok(ordered.finish()?)
+}
