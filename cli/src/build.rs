@@ -41,6 +41,9 @@ pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
     let fingerprint = fingerprint(&options, &build_options)?;
     let (scratch, resumed) = Scratch::open(Arc::new(disk.clone()), &folder, &fingerprint)?;
     let is_resumed = resumed.is_some();
+    if build_options.threads > 1 {
+        scratch.overlap();
+    }
     let progress = BuildProgress::new();
     let (tree, report) = build(&disk, &options.meshes, &build_options, &scratch, resumed, &mut |phase, share| {
         progress.show(phase, share);

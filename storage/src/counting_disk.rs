@@ -105,6 +105,18 @@ impl ScratchFile for CountingScratch {
         self.counters.written.fetch_add(size_of_val(blocks) as u64, Ordering::Relaxed);
         Ok(())
     }
+
+    fn length(&self) -> Result<u64, StorageError> {
+        self.inner.length()
+    }
+
+    fn sync(&self) -> Result<(), StorageError> {
+        self.inner.sync()
+    }
+
+    fn is_direct(&self) -> bool {
+        self.inner.is_direct()
+    }
 }
 
 impl Disk for CountingDisk {

@@ -140,6 +140,18 @@ impl ScratchFile for FaultyScratch {
         self.plan.write(self.path(), size_of_val(blocks))?;
         self.inner.write_blocks(first, blocks)
     }
+
+    fn length(&self) -> Result<u64, StorageError> {
+        self.inner.length()
+    }
+
+    fn sync(&self) -> Result<(), StorageError> {
+        self.inner.sync()
+    }
+
+    fn is_direct(&self) -> bool {
+        self.inner.is_direct()
+    }
 }
 
 impl Disk for FaultyDisk {

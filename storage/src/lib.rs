@@ -12,9 +12,11 @@
 //! | [`counting_disk`] | a disk that counts what passes through it |
 //! | [`sequential`] | buffered reading of a file from front to back |
 //! | [`byte_size`] | sizes as people write them: `16M`, `1.5G` |
+//! | [`budget`] | RAM that several parts of a program share, reserved before it is taken |
 //! | [`scratch`] | where temporary data goes |
 //! | [`spool`] | sequences of records: in RAM while they are small, in scratch files beyond |
 //! | [`sorter`] | external sorting |
+//! | [`guarded_extsort`] | external sorting by the crate extsort, with guards around what it gets wrong |
 //! | [`scatter`] | records into the order of dense keys |
 //! | [`paged_array`] | an array on disk, with its pages in use in RAM |
 //! | [`random_file`] | a scratch file that is read and written at any place |
@@ -23,12 +25,16 @@
 //! | [`usage`] | what the operating system says of this process: peak RAM, CPU time |
 
 pub mod atomic_file;
+mod background;
+pub mod budget;
 pub mod byte_size;
 pub mod counting_disk;
 pub mod disk;
 pub mod edge_tree;
 pub mod faulty_disk;
+pub mod guarded_extsort;
 pub mod memory_disk;
+mod merge;
 pub mod paged_array;
 pub mod random_file;
 pub mod record_file;
@@ -40,11 +46,13 @@ pub mod spool;
 pub mod usage;
 
 pub use atomic_file::{AtomicFile, Standstill, remove_unfinished};
+pub use budget::{Budget, BudgetError, Reservation};
 pub use byte_size::ByteSize;
 pub use counting_disk::CountingDisk;
 pub use disk::{Block, Disk, LocalDisk, ReadAt, ScratchFile, StorageError, WriteFile};
 pub use edge_tree::{Edge, EdgeTree, EdgeTreeError, EdgeTreeKind};
 pub use faulty_disk::FaultyDisk;
+pub use guarded_extsort::{ExtsortSorted, ExtsortSorter};
 pub use memory_disk::MemoryDisk;
 pub use paged_array::PagedArray;
 pub use random_file::Traffic;

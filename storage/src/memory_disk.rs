@@ -112,6 +112,18 @@ impl ScratchFile for MemoryFile {
         content[start..start + bytes.len()].copy_from_slice(bytes);
         Ok(())
     }
+
+    fn length(&self) -> Result<u64, StorageError> {
+        Ok(ReadAt::length(self))
+    }
+
+    fn sync(&self) -> Result<(), StorageError> {
+        Ok(())
+    }
+
+    fn is_direct(&self) -> bool {
+        true
+    }
 }
 
 fn not_found(path: &Path, operation: &str) -> StorageError {

@@ -12,10 +12,12 @@
 //! ([`crate::Spool::keep`]), and [`Scratch::checkpoint`] writes down how to find them, in a manifest that also says what
 //! was computed from what (the *fingerprint*). A process that dies after that leaves its folder; the next one that opens
 //! it with the same fingerprint gets the checkpoint, and with another one an empty folder. What the dead process left
-//! besides is removed in either case.
+//! besides is removed in either case. The files of a checkpoint have reached the device, and their lengths are written
+//! down, before the manifest names them: where one is missing or has another length, there is no checkpoint.
 
 use std::collections::HashSet;
 use std::fmt::Debug;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -23,6 +25,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use serde::{Deserialize, Serialize};
 
 use crate::atomic_file::AtomicFile;
+use crate::background::{Background, Task};
 use crate::disk::{Block, Disk, ScratchFile, StorageError};
 
 /// The lock of a folder.
@@ -30,7 +33,7 @@ const LOCK: &str = "lock";
 /// What is written down of a checkpoint.
 const MANIFEST: &str = "manifest.json";
 /// Changes with everything that an older program would misunderstand.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// The manifest of a folder.
 #[derive(Debug, Serialize, Deserialize)]
@@ -39,9 +42,16 @@ struct Manifest {
     /// What the checkpoint was computed from.
     fingerprint: String,
     /// The files that belong to it.
-    files: Vec<String>,
+    files: Vec<KeptFile>,
     /// What the caller wrote down.
     state: serde_json::Value,
+}
+
+/// A file of a checkpoint.
+#[derive(Debug, Serialize, Deserialize)]
+struct KeptFile {
+    name: String,
+    bytes: u64,
 }
 
 /// A place for temporary data. Clones share it.
@@ -57,6 +67,9 @@ pub(crate) struct Inner {
     next_number: AtomicU64,
     bytes: AtomicU64,
     peak_bytes: AtomicU64,
+    /// Whether spools go on while they are read and written.
+    is_overlapped: AtomicBool,
+    background: Background,
 }
 
 #[derive(Debug)]
@@ -66,8 +79,8 @@ struct Place {
     fingerprint: String,
     /// Held from the first file on.
     lock: Mutex<Option<Box<dyn Send + Debug>>>,
-    /// The files of the checkpoint.
-    kept: Mutex<Vec<String>>,
+    /// The files of the checkpoint, if there is one.
+    kept: Mutex<Option<Vec<String>>>,
 }
 
 /// The folders of this process.
@@ -114,21 +127,33 @@ impl Scratch {
         }
         place.lock()?;
         let manifest = place.read_manifest()?.filter(|manifest| manifest.fingerprint == fingerprint);
-        let (files, state) = manifest.map_or((Vec::new(), None), |manifest| (manifest.files, Some(manifest.state)));
-        let next_number = place.remove_all_but(&files)?;
-        *place.kept.lock().unwrap_or_else(PoisonError::into_inner) = files;
+        let (kept, state) = manifest.map(|manifest| (manifest.names(), manifest.state)).unzip();
+        let next_number = place.remove_all_but(kept.as_deref())?;
+        *place.kept() = kept;
         Ok((Self::at(Some(place), next_number), state))
     }
 
     fn at(place: Option<Place>, next_number: u64) -> Self {
         let [next_number, bytes, peak_bytes] = [next_number, 0, 0].map(AtomicU64::new);
-        let inner = Arc::new(Inner { place, next_number, bytes, peak_bytes });
+        let (is_overlapped, background) = (AtomicBool::new(false), Background::new());
+        let inner = Arc::new(Inner { place, next_number, bytes, peak_bytes, is_overlapped, background });
         if inner.place.is_some() {
             let mut folders = FOLDERS.lock().unwrap_or_else(PoisonError::into_inner);
             folders.retain(|folder| folder.strong_count() > 0);
             folders.push(Arc::downgrade(&inner));
         }
         Scratch { inner }
+    }
+
+    /// From now on, stores write and read ahead on threads of the scratch's own, while their users compute: the buffers
+    /// that they are given are halved for that.
+    pub fn overlap(&self) {
+        self.inner.is_overlapped.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether [`Scratch::overlap`] was called.
+    pub(crate) fn is_overlapped(&self) -> bool {
+        self.inner.is_overlapped.load(Ordering::Relaxed)
     }
 
     /// Whether there is a disk to go to.
@@ -138,7 +163,7 @@ impl Scratch {
 
     fn place(&self, name: &str) -> Result<&Place, StorageError> {
         self.inner.place.as_ref().ok_or_else(|| {
-            let error = std::io::Error::from(std::io::ErrorKind::Unsupported);
+            let error = std::io::Error::from(ErrorKind::Unsupported);
             StorageError::io(Path::new(name), "use, without a disk,", error)
         })
     }
@@ -182,6 +207,7 @@ impl Scratch {
     pub fn checkpoint(&self, state: serde_json::Value, files: Vec<String>) -> Result<(), StorageError> {
         let Some(place) = &self.inner.place else { return Ok(()) };
         place.lock()?;
+        let files = files.into_iter().map(|name| place.settle(name)).collect::<Result<_, StorageError>>()?;
         let manifest = Manifest { vdt_scratch_version: VERSION, fingerprint: place.fingerprint.clone(), files, state };
         let path = place.folder.join(MANIFEST);
         let text = serde_json::to_vec_pretty(&manifest)
@@ -189,22 +215,19 @@ impl Scratch {
         let mut file = AtomicFile::create(place.disk.clone(), &path)?;
         file.append(&text)?;
         file.commit()?;
-        let mut kept = place.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        for name in kept.iter().filter(|name| !manifest.files.contains(*name)) {
+        let names = manifest.names();
+        let before = place.kept().replace(names.clone()).unwrap_or_default();
+        for name in before.iter().filter(|name| !names.contains(*name)) {
             place.disk.remove(&place.folder.join(name))?;
         }
-        *kept = manifest.files;
         Ok(())
     }
 
     /// Gives the checkpoint up: its files go with their stores, and the folder with the last of them.
     pub fn discard_checkpoint(&self) -> Result<(), StorageError> {
         let Some(place) = &self.inner.place else { return Ok(()) };
-        let kept = std::mem::take(&mut *place.kept.lock().unwrap_or_else(PoisonError::into_inner));
-        let manifest = place.folder.join(MANIFEST);
-        if place.disk.exists(&manifest) {
-            place.disk.remove(&manifest)?;
-        }
+        let Some(kept) = place.kept().take() else { return Ok(()) };
+        place.disk.remove(&place.folder.join(MANIFEST))?;
         for name in kept {
             let path = place.folder.join(name);
             if place.disk.exists(&path) {
@@ -225,6 +248,12 @@ impl Scratch {
     }
 }
 
+impl Manifest {
+    fn names(&self) -> Vec<String> {
+        self.files.iter().map(|file| file.name.clone()).collect()
+    }
+}
+
 impl Inner {
     fn grow(&self, bytes: u64) {
         let now = self.bytes.fetch_add(bytes, Ordering::Relaxed) + bytes;
@@ -237,7 +266,7 @@ impl Drop for Inner {
         let Some(place) = &self.place else { return };
         let mut lock = place.lock.lock().unwrap_or_else(PoisonError::into_inner);
         // A checkpoint stays for the next process. There is nobody to tell of what cannot be removed; the next one will.
-        if lock.is_some() && place.kept.lock().unwrap_or_else(PoisonError::into_inner).is_empty() {
+        if lock.is_some() && place.kept().is_none() {
             let _ = place.disk.remove(&place.folder.join(LOCK));
             let _ = place.disk.remove_folder(&place.folder);
         }
@@ -249,9 +278,14 @@ impl Place {
     /// Makes the folder and takes its lock, unless it is held already.
     fn lock(&self) -> Result<(), StorageError> {
         let mut lock = self.lock.lock().unwrap_or_else(PoisonError::into_inner);
-        if lock.is_none() {
+        while lock.is_none() {
             self.disk.create_folder(&self.folder)?;
-            *lock = Some(self.disk.lock(&self.folder.join(LOCK))?);
+            match self.disk.lock(&self.folder.join(LOCK)) {
+                Ok(held) => *lock = Some(held),
+                // Another process has just left, and taken the folder along.
+                Err(StorageError::Io { source, .. }) if source.kind() == ErrorKind::NotFound => {}
+                Err(error) => return Err(error),
+            }
         }
         Ok(())
     }
@@ -262,12 +296,30 @@ impl Place {
         if lock.is_none() {
             return;
         }
-        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let _ = self.remove_all_but(&kept);
-        if kept.is_empty() {
+        let kept = self.kept();
+        let _ = self.remove_all_but(kept.as_deref());
+        if kept.is_none() {
             let _ = self.disk.remove(&self.folder.join(LOCK));
             let _ = self.disk.remove_folder(&self.folder);
         }
+    }
+
+    fn kept(&self) -> MutexGuard<'_, Option<Vec<String>>> {
+        // A list of names is sound whatever happened to the thread that held it.
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits until a file has reached the device, for a checkpoint.
+    fn settle(&self, name: String) -> Result<KeptFile, StorageError> {
+        let file = self.disk.open_scratch(&self.folder.join(&name))?;
+        file.sync()?;
+        Ok(KeptFile { name, bytes: file.length()? })
+    }
+
+    /// Whether a file is as it was when it became part of a checkpoint, as far as its length tells.
+    fn is_there(&self, file: &KeptFile) -> bool {
+        let path = self.folder.join(&file.name);
+        is_ours(&file.name) && self.disk.open(&path).is_ok_and(|found| found.length() == file.bytes)
     }
 
     /// The manifest, if it is one that can be understood.
@@ -280,13 +332,16 @@ impl Place {
         let mut text = vec![0; file.length() as usize];
         file.read_exact_at(0, &mut text)?;
         let manifest: Option<Manifest> = serde_json::from_slice(&text).ok();
-        let is_there = |name: &String| is_ours(name) && self.disk.exists(&self.folder.join(name));
-        Ok(manifest.filter(|manifest| manifest.vdt_scratch_version == VERSION && manifest.files.iter().all(is_there)))
+        let is_good = |manifest: &Manifest| {
+            manifest.vdt_scratch_version == VERSION && manifest.files.iter().all(|file| self.is_there(file))
+        };
+        Ok(manifest.filter(is_good))
     }
 
-    /// Removes what is ours but not among these files; without files, also the manifest. Says which number no file has.
-    fn remove_all_but(&self, files: &[String]) -> Result<u64, StorageError> {
-        let files: HashSet<&str> = files.iter().map(String::as_str).collect();
+    /// Removes what is ours but not among the files of the checkpoint; without a checkpoint, also the manifest. Says which
+    /// number no file has.
+    fn remove_all_but(&self, kept: Option<&[String]>) -> Result<u64, StorageError> {
+        let files: HashSet<&str> = kept.unwrap_or_default().iter().map(String::as_str).collect();
         let mut next_number = 0;
         for path in self.disk.list(&self.folder)? {
             let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
@@ -299,12 +354,20 @@ impl Place {
                 std::fs::remove_dir_all(&path).map_err(|error| StorageError::io(&path, "remove", error))?;
                 continue;
             }
-            if is_ours(&name) && !files.contains(name.as_str()) || name == MANIFEST && files.is_empty() {
+            let is_lost = is_ours(&name) && !files.contains(name.as_str()) || is_half_a_manifest(&name);
+            if is_lost || name == MANIFEST && kept.is_none() {
                 self.disk.remove(&path)?;
             }
         }
         Ok(next_number)
     }
+}
+
+/// Whether a file of this name is a manifest that was being written when its process died, see [`AtomicFile`].
+fn is_half_a_manifest(name: &str) -> bool {
+    let process = name.strip_prefix('.').and_then(|rest| rest.strip_prefix(MANIFEST));
+    let process = process.and_then(|rest| rest.strip_prefix('.')).and_then(|rest| rest.strip_suffix(".tmp"));
+    process.is_some_and(|process| !process.is_empty() && process.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
 /// Whether a file of this name is one of the numbered ones.
@@ -359,18 +422,56 @@ impl TemporaryFile {
         self.file.path()
     }
 
+    /// How long it has become, in blocks.
+    pub fn blocks(&self) -> u64 {
+        self.blocks.load(Ordering::Relaxed)
+    }
+
     pub fn read(&self, first: u64, blocks: &mut [Block]) -> Result<(), StorageError> {
         self.file.read_blocks(first, blocks)
     }
 
     pub fn write(&self, first: u64, blocks: &[Block]) -> Result<(), StorageError> {
         self.file.write_blocks(first, blocks)?;
-        let end = first + blocks.len() as u64;
+        self.grow_to(first + blocks.len() as u64);
+        Ok(())
+    }
+
+    /// Whether [`Scratch::overlap`] was called.
+    pub fn is_overlapped(&self) -> bool {
+        self.scratch.is_overlapped()
+    }
+
+    /// Begins to write the first `count` of these blocks from block number `first` on.
+    pub fn begin_write(&self, first: u64, blocks: Vec<Block>, count: usize) -> Result<Transfer, StorageError> {
+        self.grow_to(first + count as u64);
+        self.begin(blocks, move |file, blocks| file.write_blocks(first, &blocks[..count]))
+    }
+
+    /// Begins to fill these blocks from block number `first` on.
+    pub fn begin_read(&self, first: u64, blocks: Vec<Block>) -> Result<Transfer, StorageError> {
+        self.begin(blocks, move |file, blocks| file.read_blocks(first, blocks))
+    }
+
+    fn begin(
+        &self,
+        mut blocks: Vec<Block>,
+        job: impl FnOnce(&dyn ScratchFile, &mut [Block]) -> Result<(), StorageError> + Send + 'static,
+    ) -> Result<Transfer, StorageError> {
+        let file = self.file.clone();
+        let task = self.scratch.inner.background.begin(move || {
+            job(file.as_ref(), &mut blocks)?;
+            Ok(blocks)
+        });
+        let task = task.map_err(|error| StorageError::io(self.path(), "read or write", error))?;
+        Ok(Transfer { task, path: self.path().to_path_buf() })
+    }
+
+    fn grow_to(&self, end: u64) {
         let before = self.blocks.fetch_max(end, Ordering::Relaxed);
         if end > before {
             self.scratch.inner.grow((end - before) * Block::BYTES as u64);
         }
-        Ok(())
     }
 
     /// Has it stay when this value goes, for a checkpoint. Returns its name in the folder.
@@ -380,13 +481,27 @@ impl TemporaryFile {
     }
 }
 
+/// Blocks on their way to or from a [`TemporaryFile`].
+#[derive(Debug)]
+pub(crate) struct Transfer {
+    task: Task<Result<Vec<Block>, StorageError>>,
+    path: PathBuf,
+}
+
+impl Transfer {
+    /// Waits until they are there, and hands them back.
+    pub fn wait(self) -> Result<Vec<Block>, StorageError> {
+        self.task.wait().map_err(|error| StorageError::io(&self.path, "read or write", error))?
+    }
+}
+
 impl Drop for TemporaryFile {
     fn drop(&mut self) {
         let bytes = self.blocks.load(Ordering::Relaxed) * Block::BYTES as u64;
         self.scratch.inner.bytes.fetch_sub(bytes, Ordering::Relaxed);
         if let Some(place) = &self.scratch.inner.place {
             let is_kept = self.is_kept.load(Ordering::Relaxed)
-                && place.kept.lock().unwrap_or_else(PoisonError::into_inner).contains(&self.name);
+                && place.kept().as_ref().is_some_and(|kept| kept.contains(&self.name));
             if !is_kept {
                 // There is nobody to tell; whoever opens the folder next removes it.
                 let _ = place.disk.remove(self.file.path());

@@ -1,23 +1,30 @@
 //! External sorting of fixed-size records within a given number of bytes of RAM.
 //!
-//! Records are sorted in RAM, a buffer full at a time, and the sorted runs are merged through a heap. Where there are more
-//! runs than the RAM has room for their buffers, groups of them are merged to longer ones first. What fits in the buffer
+//! Records are sorted in RAM, a buffer full at a time, and the sorted runs are merged. Where there are more runs than the
+//! RAM has room for their buffers, as few of them as will do are merged to longer ones first. What fits in the buffer
 //! touches no disk. With two threads the one sorts and writes a buffer while the other is filled, each half as large.
+//!
+//! Memory: the bytes given; while runs are formed an eighth of them, 1 MiB at most, is the buffer for writing, and a merge
+//! divides all of them among its runs. I/O: each record is written once and read once, and once more each way for every
+//! time that its run is merged to a longer one.
+//!
+//! Measured (16 M records of 24 bytes in 32 MiB, the processor's time): 75 ns a record from push to next, of which 50 are
+//! the sort. A radix sort in place (by bytes of the prefix, from the highest, small parts by comparisons) came to the same
+//! for records of 12 and 24 bytes, and needs the prefixes to be spread: it is not here.
 
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
 use std::thread::JoinHandle;
 
 use bytemuck::Pod;
 
-use crate::disk::{Block, StorageError};
+use crate::disk::StorageError;
+use crate::merge::Merge;
 use crate::scratch::Scratch;
 use crate::spool::{Spool, SpoolWriter};
 
-/// Buffer for each run in a merge, in bytes, where the RAM allows it.
+/// Bytes for each run in a merge, where the RAM allows it.
 const RUN_BUFFER: usize = 128 << 10;
-/// Buffer for writing a run.
-const WRITE_BUFFER: usize = 256 << 10;
+/// The most bytes for writing a run.
+const MOST_WRITE_BYTES: usize = 1 << 20;
 
 /// A record that can be sorted. [`Ord`] is the order; `prefix` orders coarsely the same way, and fast.
 pub trait SortRecord: Pod + Ord + Send + Sync {
@@ -53,7 +60,8 @@ impl<T: SortRecord> Sorter<T> {
     pub fn new(scratch: &Scratch, name: &str, ram_bytes: usize, threads: usize) -> Self {
         let has_helper = threads > 1 && scratch.has_disk();
         let buffers = 1 + usize::from(has_helper);
-        let most = if scratch.has_disk() { (ram_bytes / buffers / size_of::<T>()).max(64) } else { usize::MAX };
+        let for_records = ram_bytes - write_bytes(ram_bytes);
+        let most = if scratch.has_disk() { (for_records / buffers / size_of::<T>()).max(64) } else { usize::MAX };
         Sorter {
             scratch: scratch.clone(),
             name: name.to_owned(),
@@ -92,7 +100,7 @@ impl<T: SortRecord> Sorter<T> {
     /// Writes what is in the buffer as a run.
     fn write_run(&mut self) -> Result<(), StorageError> {
         let mut records = std::mem::take(&mut self.records);
-        let writer = SpoolWriter::new(&self.scratch, &self.name, WRITE_BUFFER.min(self.ram_bytes / 4));
+        let writer = SpoolWriter::new(&self.scratch, &self.name, write_bytes(self.ram_bytes));
         if !self.has_helper {
             self.runs.push(write(&mut records, writer)?);
             records.clear();
@@ -132,7 +140,10 @@ impl<T: SortRecord> Sorter<T> {
         let mut runs = std::mem::take(&mut self.runs);
         let fan_in = (self.ram_bytes / RUN_BUFFER).max(2);
         while runs.len() > fan_in {
-            let rest = runs.split_off(fan_in.min(runs.len()));
+            // The runs in front are the shortest. As few of them as it takes for one merge of all the others, or to have
+            // full merges from then on.
+            let few = (runs.len() - fan_in + 1).min(fan_in);
+            let rest = runs.split_off(few);
             let mut merge = Merge::new(runs, self.ram_bytes / 4 * 3)?;
             let mut writer = SpoolWriter::new(&self.scratch, &self.name, self.ram_bytes / 4);
             while let Some(record) = merge.next()? {
@@ -143,6 +154,11 @@ impl<T: SortRecord> Sorter<T> {
         }
         Ok(Sorted { length: self.length, source: Source::Merge(Merge::new(runs, self.ram_bytes)?) })
     }
+}
+
+/// What is set aside for writing a run.
+fn write_bytes(ram_bytes: usize) -> usize {
+    (ram_bytes / 8).min(MOST_WRITE_BYTES)
 }
 
 impl<T: SortRecord> Drop for Sorter<T> {
@@ -195,78 +211,5 @@ impl<T: SortRecord> Sorted<T> {
             }
             Source::Merge(merge) => merge.next(),
         }
-    }
-}
-
-/// Several runs as one.
-#[derive(Debug)]
-struct Merge<T: SortRecord> {
-    runs: Vec<Run<T>>,
-    heap: BinaryHeap<Reverse<Head<T>>>,
-}
-
-/// A run with the part of it that is in RAM.
-#[derive(Debug)]
-struct Run<T> {
-    spool: Spool<T>,
-    next: u64,
-    buffer: Vec<T>,
-    used: usize,
-    most: usize,
-}
-
-/// The first record of a run that is not handed out.
-#[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Head<T> {
-    prefix: u64,
-    record: T,
-    run: usize,
-}
-
-impl<T: SortRecord> Run<T> {
-    #[inline]
-    fn next(&mut self) -> Result<Option<T>, StorageError> {
-        if self.used == self.buffer.len() {
-            let count = ((self.spool.len() - self.next) as usize).min(self.most);
-            if count == 0 {
-                return Ok(None);
-            }
-            self.buffer.resize(count, T::zeroed());
-            self.spool.read_at(self.next, &mut self.buffer)?;
-            self.next += count as u64;
-            self.used = 0;
-        }
-        self.used += 1;
-        Ok(Some(self.buffer[self.used - 1]))
-    }
-}
-
-impl<T: SortRecord> Merge<T> {
-    fn new(spools: Vec<Spool<T>>, ram_bytes: usize) -> Result<Self, StorageError> {
-        let bytes = (ram_bytes / spools.len()).clamp(2 * Block::BYTES, 1 << 20);
-        let most = (bytes / size_of::<T>()).max(1);
-        let mut merge = Merge { runs: Vec::with_capacity(spools.len()), heap: BinaryHeap::with_capacity(spools.len()) };
-        for (number, spool) in spools.into_iter().enumerate() {
-            let mut run = Run { spool, next: 0, buffer: Vec::new(), used: 0, most };
-            if let Some(record) = run.next()? {
-                merge.heap.push(Reverse(Head { prefix: record.prefix(), record, run: number }));
-            }
-            merge.runs.push(run);
-        }
-        Ok(merge)
-    }
-
-    #[inline]
-    fn next(&mut self) -> Result<Option<T>, StorageError> {
-        let Some(mut top) = self.heap.peek_mut() else { return Ok(None) };
-        let Reverse(Head { record, run, .. }) = &mut *top;
-        let found = *record;
-        match self.runs[*run].next()? {
-            Some(next) => *top = Reverse(Head { prefix: next.prefix(), record: next, run: *run }),
-            None => {
-                std::collections::binary_heap::PeekMut::pop(top);
-            }
-        }
-        Ok(Some(found))
     }
 }

@@ -1,7 +1,13 @@
 //! A sequence of records of one fixed size: written from front to back, then read from front to back, or anywhere.
 //!
 //! It stays in RAM as long as it takes no more than the bytes it was given, and goes to a scratch file beyond that, one
-//! record behind the other without gaps. Files are written and read in whole blocks, as many at once as the bytes allow.
+//! record behind the other without gaps. Files are written and read in whole blocks, many at once. A quarter of the bytes
+//! given, 1 MiB at most, is set aside for the blocks on their way to the file; once there is a file, what waits for them
+//! is a few records. RAM grows with the records, by doubling, in a way that the system does without copying; a writer
+//! never takes less than 16 KiB in all.
+//!
+//! Measured (12-byte records, 10 M of them, the processor's time): a push takes 2.5 ns when it goes to a file and 8 ns in
+//! RAM, nearly all of it the system's first touch of new pages; reading takes 3 ns a record.
 
 use std::marker::PhantomData;
 
@@ -9,131 +15,213 @@ use bytemuck::Pod;
 use serde::{Deserialize, Serialize};
 
 use crate::disk::{Block, StorageError};
-use crate::scratch::{Scratch, TemporaryFile};
+use crate::scratch::{Scratch, TemporaryFile, Transfer};
 
 /// The fewest blocks of a buffer.
 const FEWEST_BLOCKS: usize = 2;
+/// The most blocks that are written at once.
+const MOST_BLOCKS_WRITTEN: usize = 256;
 /// Reads of more than this many blocks are done in parts.
 const MOST_BLOCKS_AT_ONCE: usize = 64;
+/// Bytes of records that wait for a place in the blocks, once there is a file: few, so that they are in the processor's
+/// cache when they are copied.
+const WAITING_BYTES: usize = 8 << 10;
 
 /// A [`Spool`] being written.
 #[derive(Debug)]
 pub struct SpoolWriter<T> {
     scratch: Scratch,
     name: String,
-    most_blocks: usize,
-    buffer: Vec<Block>,
-    /// Bytes of the buffer that are in use.
+    /// Records that are not in the blocks: all of them as long as there is no file.
+    records: Vec<T>,
+    /// How many of them there may be.
+    most: usize,
+    ram_bytes: usize,
+    on_disk: Option<OnDisk>,
+    /// Records that are in the blocks or in the file.
+    moved: u64,
+}
+
+/// The file of a [`SpoolWriter`], and the blocks on their way to it.
+#[derive(Debug)]
+struct OnDisk {
+    file: TemporaryFile,
+    blocks: Vec<Block>,
+    /// Where the scratch is overlapped, the blocks that were full before.
+    on_their_way: Option<Transfer>,
+    /// Bytes of the blocks that are in use.
     used: usize,
-    file: Option<TemporaryFile>,
     /// Blocks in the file.
     written: u64,
-    length: u64,
-    records: PhantomData<T>,
+}
+
+/// Blocks that a writer sets aside of the bytes that it is given.
+fn block_count(ram_bytes: usize) -> usize {
+    (ram_bytes / 4 / Block::BYTES).clamp(FEWEST_BLOCKS, MOST_BLOCKS_WRITTEN)
+}
+
+/// Records that so many bytes hold, at least one.
+fn record_count<T>(bytes: usize) -> usize {
+    (bytes / size_of::<T>().max(1)).max(1)
 }
 
 impl<T: Pod> SpoolWriter<T> {
     /// Begins an empty sequence that holds at most `ram_bytes` in RAM. `name` is for messages and file names.
     pub fn new(scratch: &Scratch, name: &str, ram_bytes: usize) -> Self {
-        let most_blocks = if scratch.has_disk() { (ram_bytes / Block::BYTES).max(FEWEST_BLOCKS) } else { usize::MAX };
+        let blocks = block_count(ram_bytes) * Block::BYTES;
+        let most = match scratch.has_disk() {
+            true => record_count::<T>(ram_bytes.saturating_sub(blocks).max(WAITING_BYTES)),
+            false => usize::MAX,
+        };
         SpoolWriter {
             scratch: scratch.clone(),
             name: name.to_owned(),
-            most_blocks,
-            buffer: Vec::new(),
-            used: 0,
-            file: None,
-            written: 0,
-            length: 0,
-            records: PhantomData,
+            records: Vec::new(),
+            most,
+            ram_bytes,
+            on_disk: None,
+            moved: 0,
         }
     }
 
     /// Appends a record.
     #[inline]
     pub fn push(&mut self, record: T) -> Result<(), StorageError> {
-        if self.used + size_of::<T>() > self.buffer.len() * Block::BYTES {
+        if self.records.len() == self.records.capacity() {
             self.make_room()?;
         }
-        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut self.buffer);
-        bytes[self.used..self.used + size_of::<T>()].copy_from_slice(bytemuck::bytes_of(&record));
-        self.used += size_of::<T>();
-        self.length += 1;
+        self.records.push(record);
         Ok(())
     }
 
     /// Appends records.
     pub fn extend(&mut self, records: &[T]) -> Result<(), StorageError> {
-        records.iter().try_for_each(|record| self.push(*record))
+        let room = self.most.saturating_sub(self.records.len());
+        if records.len() > room {
+            // Straight to the blocks, behind those that wait.
+            self.move_to_disk()?.append(bytemuck::cast_slice(records))?;
+            self.moved += records.len() as u64;
+            return Ok(());
+        }
+        let free = self.records.capacity() - self.records.len();
+        if records.len() > free {
+            self.records.reserve_exact(records.len().max(self.records.len()).min(room));
+        }
+        self.records.extend_from_slice(records);
+        Ok(())
     }
 
-    /// Makes the buffer larger, or writes what it has: then less than a block is left in it.
     #[cold]
     fn make_room(&mut self) -> Result<(), StorageError> {
-        let blocks = self.buffer.len();
-        if blocks < self.most_blocks {
-            let more = blocks.max(FEWEST_BLOCKS).max(size_of::<T>() / Block::BYTES + 1).min(self.most_blocks - blocks);
-            // Not by doubling without need: the bytes given are a limit.
-            self.buffer.reserve_exact(more);
-            self.buffer.resize(blocks + more, Block::ZERO);
-            if self.used + size_of::<T>() <= self.buffer.len() * Block::BYTES {
-                return Ok(());
-            }
+        if self.records.len() >= self.most {
+            self.move_to_disk()?;
         }
-        let full = self.used / Block::BYTES;
-        self.write(full)?;
-        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut self.buffer);
-        bytes.copy_within(full * Block::BYTES..self.used, 0);
-        self.used -= full * Block::BYTES;
-        if self.used + size_of::<T>() > self.buffer.len() * Block::BYTES {
-            self.buffer.resize(self.buffer.len() + size_of::<T>() / Block::BYTES + 1, Block::ZERO);
+        let count = self.records.len();
+        if count == self.records.capacity() {
+            // Doubling, but never past what was given.
+            self.records.reserve_exact(count.max(record_count::<T>(1 << 10)).min(self.most - count));
         }
         Ok(())
     }
 
-    /// Writes the first blocks of the buffer.
-    fn write(&mut self, blocks: usize) -> Result<(), StorageError> {
-        let file = match &mut self.file {
-            Some(file) => file,
-            none => none.insert(self.scratch.create(&self.name)?),
+    /// Empties the records in RAM into the blocks, and these into the file as often as they are full.
+    fn move_to_disk(&mut self) -> Result<&mut OnDisk, StorageError> {
+        let is_first = self.on_disk.is_none();
+        let on_disk = match &mut self.on_disk {
+            Some(on_disk) => on_disk,
+            none => none.insert(OnDisk::new(self.scratch.create(&self.name)?, block_count(self.ram_bytes))),
         };
-        file.write(self.written, &self.buffer[..blocks])?;
-        self.written += blocks as u64;
-        Ok(())
+        on_disk.append(bytemuck::cast_slice(&self.records))?;
+        self.moved += self.records.len() as u64;
+        self.records.clear();
+        if is_first {
+            // From now on few of them wait.
+            self.most = record_count::<T>(WAITING_BYTES).min(self.most);
+            self.records = Vec::new();
+        }
+        Ok(on_disk)
     }
 
     /// Records so far.
     pub fn len(&self) -> u64 {
-        self.length
+        self.moved + self.records.len() as u64
     }
 
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
-        self.length == 0
+        self.len() == 0
     }
 
     /// Ends the writing.
     pub fn finish(mut self) -> Result<Spool<T>, StorageError> {
-        if self.file.is_some() {
+        if self.on_disk.is_some() {
             return self.finish_on_disk();
         }
-        self.buffer.truncate(self.used.div_ceil(Block::BYTES));
-        self.buffer.shrink_to_fit();
-        Ok(Spool { content: Content::Blocks(self.buffer), length: self.length, records: PhantomData })
+        self.records.shrink_to_fit();
+        Ok(Spool::from_vec(self.records))
     }
 
     /// Ends the writing, and keeps nothing in RAM.
     pub fn finish_on_disk(mut self) -> Result<Spool<T>, StorageError> {
-        if self.length == 0 || !self.scratch.has_disk() {
-            let content = Content::Blocks(std::mem::take(&mut self.buffer));
-            return Ok(Spool { content, length: self.length, records: PhantomData });
+        let length = self.len();
+        if length == 0 || !self.scratch.has_disk() {
+            return Ok(Spool::from_vec(self.records));
         }
-        self.write(self.used.div_ceil(Block::BYTES))?;
-        let content = match self.file {
-            Some(file) => Content::File(file),
-            None => Content::Blocks(Vec::new()),
-        };
-        Ok(Spool { content, length: self.length, records: PhantomData })
+        self.move_to_disk()?.finish()?;
+        let content = self.on_disk.map_or(Content::Records(Vec::new()), |on_disk| Content::File(on_disk.file));
+        Ok(Spool { content, length, records: PhantomData })
+    }
+}
+
+impl OnDisk {
+    /// With `blocks` blocks in all.
+    fn new(file: TemporaryFile, blocks: usize) -> Self {
+        let blocks = if file.is_overlapped() { (blocks / 2).max(1) } else { blocks };
+        OnDisk { file, blocks: vec![Block::ZERO; blocks], on_their_way: None, used: 0, written: 0 }
+    }
+
+    fn append(&mut self, mut bytes: &[u8]) -> Result<(), StorageError> {
+        while !bytes.is_empty() {
+            let free = &mut bytemuck::cast_slice_mut::<Block, u8>(&mut self.blocks)[self.used..];
+            let (now, later) = bytes.split_at(free.len().min(bytes.len()));
+            free[..now.len()].copy_from_slice(now);
+            self.used += now.len();
+            bytes = later;
+            if self.used == self.blocks.len() * Block::BYTES {
+                self.write()?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes the blocks that are in use, or begins to.
+    fn write(&mut self) -> Result<(), StorageError> {
+        let blocks = self.used.div_ceil(Block::BYTES);
+        if self.file.is_overlapped() {
+            let others = match self.on_their_way.take() {
+                Some(before) => before.wait()?,
+                None => vec![Block::ZERO; self.blocks.len()],
+            };
+            let full = std::mem::replace(&mut self.blocks, others);
+            self.on_their_way = Some(self.file.begin_write(self.written, full, blocks)?);
+        } else {
+            self.file.write(self.written, &self.blocks[..blocks])?;
+        }
+        self.written += blocks as u64;
+        self.used = 0;
+        Ok(())
+    }
+
+    /// Has all in the file.
+    fn finish(&mut self) -> Result<(), StorageError> {
+        let rest = self.used.div_ceil(Block::BYTES);
+        if let Some(before) = self.on_their_way.take() {
+            before.wait()?;
+        }
+        if rest > 0 {
+            self.file.write(self.written, &self.blocks[..rest])?;
+        }
+        Ok(())
     }
 }
 
@@ -157,7 +245,6 @@ pub struct KeptSpool {
 #[derive(Debug)]
 enum Content<T> {
     Records(Vec<T>),
-    Blocks(Vec<Block>),
     File(TemporaryFile),
 }
 
@@ -169,12 +256,9 @@ impl<T: Pod> Spool<T> {
 
     /// Keeps it for a checkpoint, on disk where it was not: its file stays when it goes. Says how to open it again.
     pub fn keep(&mut self, scratch: &Scratch, name: &str) -> Result<KeptSpool, StorageError> {
-        if !matches!(self.content, Content::File(_)) {
+        if let Content::Records(records) = &self.content {
             let mut writer = SpoolWriter::new(scratch, name, MOST_BLOCKS_AT_ONCE * Block::BYTES);
-            let mut reader = self.reader(0);
-            while let Some(record) = reader.next()? {
-                writer.push(record)?;
-            }
+            writer.extend(records)?;
             *self = writer.finish_on_disk()?;
         }
         let file = match &self.content {
@@ -208,7 +292,6 @@ impl<T: Pod> Spool<T> {
     pub fn ram_bytes(&self) -> usize {
         match &self.content {
             Content::Records(records) => records.capacity() * size_of::<T>(),
-            Content::Blocks(blocks) => blocks.capacity() * Block::BYTES,
             Content::File(_) => 0,
         }
     }
@@ -219,7 +302,6 @@ impl<T: Pod> Spool<T> {
         let first_byte = start * size_of::<T>() as u64;
         match &self.content {
             Content::Records(all) => bytes.copy_from_slice(bytes_in(all, first_byte, bytes.len())),
-            Content::Blocks(all) => bytes.copy_from_slice(bytes_in(all, first_byte, bytes.len())),
             Content::File(file) => {
                 let mut buffer = Vec::new();
                 let mut done = 0;
@@ -246,8 +328,7 @@ impl<T: Pod> Spool<T> {
 
     /// Reads the records `start..end`, through a buffer of at most `ram_bytes`.
     pub fn reader_of(&self, start: u64, end: u64, ram_bytes: usize) -> SpoolReader<'_, T> {
-        let most_blocks = (ram_bytes / Block::BYTES).max(FEWEST_BLOCKS).max(size_of::<T>() / Block::BYTES + 2);
-        SpoolReader { spool: self, next: start, end, most_blocks, buffer: Vec::new(), offset: 0, left: 0 }
+        SpoolReader { spool: self, cursor: Cursor::new::<T>(start, end, ram_bytes) }
     }
 }
 
@@ -256,20 +337,11 @@ fn bytes_in<T: Pod>(all: &[T], first: u64, count: usize) -> &[u8] {
     &bytemuck::cast_slice(all)[first as usize..][..count]
 }
 
-/// A cursor over a [`Spool`].
+/// Reads a [`Spool`].
 #[derive(Debug)]
 pub struct SpoolReader<'a, T> {
     spool: &'a Spool<T>,
-    /// The record behind those in the buffer.
-    next: u64,
-    end: u64,
-    most_blocks: usize,
-    /// Of a file, blocks of it. What is in RAM is read where it is.
-    buffer: Vec<Block>,
-    /// Where in the buffer the next record begins.
-    offset: usize,
-    /// Records of the buffer that are left.
-    left: usize,
+    cursor: Cursor,
 }
 
 impl<T: Pod> SpoolReader<'_, T> {
@@ -277,56 +349,109 @@ impl<T: Pod> SpoolReader<'_, T> {
     #[inline]
     #[expect(clippy::should_implement_trait, reason = "it can fail")]
     pub fn next(&mut self) -> Result<Option<T>, StorageError> {
-        if self.left == 0 && !self.fill()? {
+        self.cursor.next(self.spool)
+    }
+
+    /// As many of the next records as lie together in the buffer; none behind the last.
+    pub fn next_chunk(&mut self) -> Result<&[T], StorageError> {
+        self.cursor.next_chunk(self.spool)
+    }
+}
+
+/// A place in a [`Spool`], with what is read ahead of it: apart from the spool, so that both can lie in one struct.
+#[derive(Debug)]
+pub(crate) struct Cursor {
+    /// The record behind those in the buffer.
+    next: u64,
+    end: u64,
+    most_blocks: usize,
+    /// Of a file, blocks of it. What is in RAM is read where it is.
+    buffer: Vec<Block>,
+    /// Where the scratch is overlapped, the blocks behind them.
+    ahead: Option<Transfer>,
+    /// Where in the buffer the next record begins.
+    offset: usize,
+    /// Records of the buffer that are left.
+    left: usize,
+}
+
+impl Cursor {
+    /// For the records `start..end` of a spool of records `T`, with a buffer of at most `ram_bytes`.
+    pub(crate) fn new<T>(start: u64, end: u64, ram_bytes: usize) -> Self {
+        let most_blocks = (ram_bytes / Block::BYTES).max(FEWEST_BLOCKS).max(size_of::<T>() / Block::BYTES + 2);
+        Cursor { next: start, end, most_blocks, buffer: Vec::new(), ahead: None, offset: 0, left: 0 }
+    }
+
+    /// The next record, `None` behind the last.
+    #[inline]
+    pub(crate) fn next<T: Pod>(&mut self, spool: &Spool<T>) -> Result<Option<T>, StorageError> {
+        if self.left == 0 && !self.fill(spool)? {
             return Ok(None);
         }
         let offset = self.offset;
         self.offset += size_of::<T>();
         self.left -= 1;
-        Ok(Some(bytemuck::pod_read_unaligned(&self.bytes()[offset..offset + size_of::<T>()])))
+        Ok(Some(bytemuck::pod_read_unaligned(&self.bytes(spool)[offset..offset + size_of::<T>()])))
     }
 
-    /// As many of the next records as lie together in the buffer; none behind the last.
-    pub fn next_chunk(&mut self) -> Result<&[T], StorageError> {
-        if self.left == 0 && !self.fill()? {
+    fn next_chunk<'a, T: Pod>(&'a mut self, spool: &'a Spool<T>) -> Result<&'a [T], StorageError> {
+        if self.left == 0 && !self.fill(spool)? {
             return Ok(&[]);
         }
         let range = self.offset..self.offset + self.left * size_of::<T>();
         self.offset = range.end;
         self.left = 0;
-        Ok(bytemuck::cast_slice(&self.bytes()[range]))
+        Ok(bytemuck::cast_slice(&self.bytes(spool)[range]))
     }
 
     #[inline]
-    fn bytes(&self) -> &[u8] {
-        match &self.spool.content {
+    fn bytes<'a, T: Pod>(&'a self, spool: &'a Spool<T>) -> &'a [u8] {
+        match &spool.content {
             Content::Records(all) => bytemuck::cast_slice(all),
-            Content::Blocks(all) => bytemuck::cast_slice(all),
             Content::File(_) => bytemuck::cast_slice(&self.buffer),
         }
     }
 
     /// Has more records in the buffer; false where there are none.
     #[cold]
-    fn fill(&mut self) -> Result<bool, StorageError> {
+    fn fill<T: Pod>(&mut self, spool: &Spool<T>) -> Result<bool, StorageError> {
         if self.next == self.end {
             return Ok(false);
         }
-        let first_byte = self.next * size_of::<T>() as u64;
-        if let Content::File(file) = &self.spool.content {
-            let block = first_byte / Block::BYTES as u64;
-            self.offset = (first_byte % Block::BYTES as u64) as usize;
-            let wanted = self.offset + (self.end - self.next) as usize * size_of::<T>();
-            let blocks = wanted.div_ceil(Block::BYTES).min(self.most_blocks);
-            self.buffer.reserve_exact(blocks.saturating_sub(self.buffer.len()));
-            self.buffer.resize(blocks, Block::ZERO);
-            file.read(block, &mut self.buffer)?;
-            self.left = ((blocks * Block::BYTES - self.offset) / size_of::<T>()).min((self.end - self.next) as usize);
+        if let Content::File(file) = &spool.content {
+            let (block, offset, blocks) = self.stretch::<T>(file);
+            self.offset = offset;
+            let mut emptied = Vec::new();
+            if let Some(ahead) = self.ahead.take() {
+                emptied = std::mem::replace(&mut self.buffer, ahead.wait()?);
+            } else {
+                self.buffer.reserve_exact(blocks.saturating_sub(self.buffer.len()));
+                self.buffer.resize(blocks, Block::ZERO);
+                file.read(block, &mut self.buffer)?;
+            }
+            let records = (blocks * Block::BYTES - offset) / size_of::<T>();
+            self.left = records.min((self.end - self.next) as usize);
+            self.next += self.left as u64;
+            if file.is_overlapped() && self.next < self.end {
+                let (block, _, blocks) = self.stretch::<T>(file);
+                emptied.resize(blocks, Block::ZERO);
+                self.ahead = Some(file.begin_read(block, emptied)?);
+            }
         } else {
-            self.offset = first_byte as usize;
+            self.offset = (self.next * size_of::<T>() as u64) as usize;
             self.left = (self.end - self.next) as usize;
+            self.next = self.end;
         }
-        self.next += self.left as u64;
         Ok(true)
+    }
+
+    /// Of a file, the block where the next record begins, its offset in it, and how many blocks are read from there.
+    fn stretch<T: Pod>(&self, file: &TemporaryFile) -> (u64, usize, usize) {
+        let fewest = FEWEST_BLOCKS.max(size_of::<T>() / Block::BYTES + 2);
+        let most = if file.is_overlapped() { (self.most_blocks / 2).max(fewest) } else { self.most_blocks };
+        let first_byte = self.next * size_of::<T>() as u64;
+        let (block, offset) = (first_byte / Block::BYTES as u64, (first_byte % Block::BYTES as u64) as usize);
+        let wanted = offset + (self.end - self.next) as usize * size_of::<T>();
+        (block, offset, wanted.div_ceil(Block::BYTES).min(most))
     }
 }

@@ -35,9 +35,13 @@ fn scratch_on(disk: Arc<dyn Disk>) -> Scratch {
     Scratch::open(disk, Path::new("scratch"), "test").unwrap().0
 }
 
-fn scratches() -> [(Scratch, Option<MemoryDisk>); 2] {
-    let disk = MemoryDisk::new();
-    [(Scratch::in_memory(), None), (scratch_on(Arc::new(disk.clone())), Some(disk))]
+/// Without a disk, on one, and on one beside the computation.
+fn scratches() -> [(Scratch, Option<MemoryDisk>); 3] {
+    let disks = [MemoryDisk::new(), MemoryDisk::new()];
+    let [plain, overlapped] = disks.clone().map(|disk| scratch_on(Arc::new(disk)));
+    overlapped.overlap();
+    let [disk, other] = disks;
+    [(Scratch::in_memory(), None), (plain, Some(disk)), (overlapped, Some(other))]
 }
 
 fn all(spool: &Spool<Record>, ram_bytes: usize) -> Vec<Record> {
@@ -82,7 +86,9 @@ proptest! {
             }
             prop_assert_eq!(&found[..], &expected[start..end]);
             if let Some(disk) = disk {
-                let on_disk = count as usize * 12 > (ram / 4096 * 4096).max(8192) || (!keep && count > 0);
+                let for_blocks = (ram / 4 / 4096).clamp(2, 256) * 4096;
+                let in_ram = ram.saturating_sub(for_blocks).max(8192) / 12;
+                let on_disk = count as usize > in_ram || (!keep && count > 0);
                 // One more is the lock.
                 prop_assert_eq!(disk.paths().len(), 2 * usize::from(on_disk));
                 prop_assert!(scratch.bytes_on_disk() >= u64::from(on_disk) * u64::from(count) * 12);
@@ -192,25 +198,33 @@ fn a_full_disk_is_an_error_and_leaves_nothing() {
         while sorted.next()?.is_some() && scattered.next()?.is_some() {}
         Ok(())
     }
-    let memory = MemoryDisk::new();
-    let faulty = FaultyDisk::new(Arc::new(memory.clone()));
-    let mut failures = 0;
-    for bytes in (0..).step_by(16_384) {
-        faulty.full_after(bytes);
-        let result = everything(&scratch_on(Arc::new(faulty.clone())));
-        assert!(memory.paths().is_empty(), "{:?}", memory.paths());
-        match result {
-            Ok(()) => break,
-            Err(error) => assert!(error.to_string().contains("cannot write"), "{error}"),
+    for is_overlapped in [false, true] {
+        let memory = MemoryDisk::new();
+        let faulty = FaultyDisk::new(Arc::new(memory.clone()));
+        let go = || {
+            let scratch = scratch_on(Arc::new(faulty.clone()));
+            if is_overlapped {
+                scratch.overlap();
+            }
+            let result = everything(&scratch);
+            drop(scratch);
+            assert!(memory.paths().is_empty(), "{:?}", memory.paths());
+            result
+        };
+        let mut failures = 0;
+        for bytes in (0..).step_by(16_384) {
+            faulty.full_after(bytes);
+            match go() {
+                Ok(()) => break,
+                Err(error) => assert!(error.to_string().contains("cannot write"), "{error}"),
+            }
+            failures += 1;
         }
-        failures += 1;
+        assert!(failures > 10);
+        faulty.heal();
+        faulty.fail_reads_after(3);
+        assert!(go().unwrap_err().to_string().contains("injected fault"));
     }
-    assert!(failures > 10);
-    faulty.heal();
-    faulty.fail_reads_after(3);
-    let result = everything(&scratch_on(Arc::new(faulty)));
-    assert!(result.unwrap_err().to_string().contains("injected fault"));
-    assert!(memory.paths().is_empty());
 }
 
 /// On the machine's own file system, past its page cache where that can be.
@@ -282,6 +296,130 @@ fn a_discarded_checkpoint_leaves_nothing() {
     scratch.discard_checkpoint().unwrap();
     drop((spool, scratch));
     assert!(disk.paths().is_empty(), "{:?}", disk.paths());
+}
+
+/// A place that is not there is an error that says which, in RAM and on disk.
+#[test]
+fn keys_and_indices_out_of_range_are_errors() {
+    for (scratch, _) in scratches() {
+        for count in [10_u64, 40_000] {
+            let mut scatter = Scatter::new(&scratch, "ids", count, 1000);
+            scatter.put(count as u32 - 1, record(1)).unwrap();
+            let mut array = PagedArray::new(&scratch, "ids", count, 7, 1000).unwrap();
+            array.set(count as u32 - 1, 1).unwrap();
+            for index in [count, u32::MAX.into()] {
+                let expected = format!("ids has places 0 to {count} (without {count}), not {index}");
+                let key = index as u32;
+                assert_eq!(scatter.put(key, record(1)).unwrap_err().to_string(), expected);
+                assert_eq!(array.get(key).unwrap_err().to_string(), expected);
+                assert_eq!(array.set(key, 1).unwrap_err().to_string(), expected);
+            }
+        }
+    }
+}
+
+/// Not one byte of the file of a scatter is believed: with any of them altered it ends with an error, or with as many
+/// records.
+#[test]
+fn an_altered_scatter_is_an_error_or_another_record() {
+    let disk = MemoryDisk::new();
+    let scratch = scratch_on(Arc::new(disk.clone()));
+    let mut scatter = Scatter::new(&scratch, "scatter", 3000, 20_000);
+    (0..3000).try_for_each(|number| scatter.put(number, record(number))).unwrap();
+    let mut scattered = scatter.finish().unwrap();
+    let kept = scattered.keep(&scratch, "scatter").unwrap();
+    let path = Path::new("scratch/000000-scatter");
+    let bytes = disk.bytes(path).unwrap();
+    let mut errors = 0;
+    for place in (0..bytes.len()).step_by(61).chain(0..16).chain(4096..4112) {
+        let mut altered = bytes.clone();
+        altered[place] ^= 0x40;
+        disk.insert(path, altered);
+        let mut scattered = Scattered::<Record>::reopen(&scratch, &kept).unwrap();
+        let mut count = 0;
+        let error = loop {
+            match scattered.next() {
+                Ok(Some(_)) => count += 1,
+                Ok(None) => break None,
+                Err(error) => break Some(error.to_string()),
+            }
+        };
+        match error {
+            Some(message) => {
+                assert!(
+                    message.contains("000000-scatter is altered") || message.contains("000000-scatter is too short")
+                );
+                errors += 1;
+            }
+            None => assert_eq!(count, 3000),
+        }
+    }
+    assert!(errors > 10, "{errors}");
+}
+
+/// A machine that dies may leave a file shorter than the manifest says: then there is no checkpoint, and what is left of
+/// it goes, half a manifest too.
+#[test]
+fn a_checkpoint_with_a_truncated_or_missing_file_is_none() {
+    let name = Path::new("scratch/000000-kept");
+    let damages: [&dyn Fn(&MemoryDisk); 4] = [
+        &|disk| disk.insert(name, disk.bytes(name).unwrap()[1..].to_vec()),
+        &|disk| disk.remove(name).unwrap(),
+        &|disk| disk.insert("scratch/manifest.json", b"{".to_vec()),
+        &|disk| disk.insert("scratch/.manifest.json.17.tmp", b"{".to_vec()),
+    ];
+    for (number, damage) in damages.iter().enumerate() {
+        let disk = MemoryDisk::new();
+        let scratch = scratch_on(Arc::new(disk.clone()));
+        let mut spool = Spool::from_vec((0..3000).map(record).collect());
+        let kept = spool.keep(&scratch, "kept").unwrap();
+        scratch.checkpoint(serde_json::json!(7), kept.file.iter().cloned().collect()).unwrap();
+        drop((spool, scratch));
+        assert_eq!(disk.paths().len(), 3);
+        damage(&disk);
+        let (scratch, state) = Scratch::open(Arc::new(disk.clone()), Path::new("scratch"), "test").unwrap();
+        if number < 3 {
+            assert_eq!(state, None);
+        } else {
+            assert_eq!(state, Some(serde_json::json!(7)));
+            scratch.discard_checkpoint().unwrap();
+        }
+        drop(scratch);
+        assert!(disk.paths().is_empty(), "{number}: {:?}", disk.paths());
+    }
+}
+
+/// What the caller writes down can be all that there is to a checkpoint.
+#[test]
+fn a_checkpoint_without_files_is_one() {
+    let disk = MemoryDisk::new();
+    let open = || Scratch::open(Arc::new(disk.clone()), Path::new("scratch"), "test").unwrap();
+    let (scratch, _) = open();
+    scratch.checkpoint(serde_json::json!("done"), Vec::new()).unwrap();
+    drop(scratch);
+    // Twice: it is not used up.
+    for _ in 0..2 {
+        assert_eq!(open().1, Some(serde_json::json!("done")));
+    }
+    let (scratch, _) = open();
+    scratch.discard_checkpoint().unwrap();
+    drop(scratch);
+    assert!(disk.paths().is_empty(), "{:?}", disk.paths());
+}
+
+/// A file that was shortened after it was opened again is named.
+#[test]
+fn a_truncated_file_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("scratch");
+    let scratch = Scratch::open(Arc::new(LocalDisk), &place, "test").unwrap().0;
+    let mut writer = SpoolWriter::new(&scratch, "short", 0);
+    (0..3000).try_for_each(|number| writer.push(record(number))).unwrap();
+    let spool = writer.finish().unwrap();
+    let file = std::fs::File::options().write(true).open(place.join("000000-short")).unwrap();
+    file.set_len(8192).unwrap();
+    let message = spool.read_at(0, &mut [Record::zeroed(); 3000]).unwrap_err().to_string();
+    assert!(message.contains("000000-short is too short: it has 8192 bytes"), "{message}");
 }
 
 /// Two processes in one folder would destroy each other's files.

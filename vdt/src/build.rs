@@ -180,7 +180,7 @@ enum Checkpoint {
     /// The mesh was read.
     Read(KeptMesh),
     /// All collapses were made.
-    Simplified(KeptMesh, KeptSimplified),
+    Simplified(KeptMesh, Box<KeptSimplified>),
 }
 
 /// Builds the view-dependence tree of the mesh in `paths` (several files are one mesh).
@@ -231,7 +231,7 @@ pub fn build(
             if mesh.is_on_disk() {
                 let (kept_mesh, kept) = (mesh.keep(scratch)?, simplified.keep(scratch)?);
                 let files = kept_mesh.files().chain(kept.files()).collect();
-                save(scratch, &Checkpoint::Simplified(kept_mesh, kept), files)?;
+                save(scratch, &Checkpoint::Simplified(kept_mesh, Box::new(kept)), files)?;
             }
             phases.push(watch.cost(Phase::Simplifying));
             simplified

@@ -95,6 +95,9 @@ pub struct KeptSimplified {
     roots: KeptSpool,
     rounds: u32,
     legal_collapses: u64,
+    /// Holds the file of the roots until the checkpoint has taken it over.
+    #[serde(skip)]
+    _roots_file: Option<Spool<[u32; 4]>>,
 }
 
 impl KeptSimplified {
@@ -115,6 +118,7 @@ impl Simplified {
             roots: roots.keep(scratch, "roots")?,
             rounds: self.rounds,
             legal_collapses: self.legal_collapses,
+            _roots_file: Some(roots),
         })
     }
 
