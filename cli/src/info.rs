@@ -68,11 +68,13 @@ fn model_info(path: &Path, json: bool) -> Result<()> {
         format!("{}, {:.1} bytes per vertex", ByteSize(header.file_length), per_vertex(header.file_length, header)),
     );
     for (part, size) in [
-        ("records", bytes.records),
-        ("child entries", bytes.entries),
-        ("triangles", bytes.triangles),
-        ("page headers", bytes.page_headers),
-        ("tables", bytes.tables),
+        ("tree: roots", bytes.roots),
+        ("tree: records", bytes.records),
+        ("tree: child entries", bytes.entries),
+        ("data: positions", bytes.positions),
+        ("data: triangles", bytes.triangles),
+        ("directory: page headers", bytes.page_headers),
+        ("directory: tables", bytes.tables),
     ] {
         report.line("", format!("{:>10} {part}", ByteSize(size).to_string()));
     }
@@ -106,8 +108,10 @@ fn model_info(path: &Path, json: bool) -> Result<()> {
             "model_bytes": header.file_length,
             "bytes_per_vertex": per_vertex(header.file_length, header),
             "bytes_by_part": {
+                "roots": bytes.roots,
                 "records": bytes.records,
                 "entries": bytes.entries,
+                "positions": bytes.positions,
                 "triangles": bytes.triangles,
                 "page_headers": bytes.page_headers,
                 "tables": bytes.tables,

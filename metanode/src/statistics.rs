@@ -3,23 +3,29 @@
 //! One pass over the pages. RAM: one page, those of its entries that lead to other pages for the pages on one path, and
 //! 5 bytes for each tree.
 
-use crate::header::{Blocking, ModelError};
+use crate::header::{Blocking, ModelError, ROOT_WORDS};
 use crate::model::Model;
 use crate::page::{CHILD_PAGE_WORDS, ENTRY_WORDS, HEADER_WORDS, RECORD_WORDS, TRIANGLE_WORDS};
 use crate::walk::walk;
 
+/// Words of a position, in roots and records.
+const POSITION_WORDS: usize = 3;
 /// Buckets of the fill histogram.
 pub const FILL_BUCKETS: usize = 10;
 
 /// Bytes of a model file, by what they are for.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct BytesByPart {
-    /// Header, root table, root page table.
+    /// Header, root page table, the checksum of the tables.
     pub tables: u64,
     /// Page headers, child page tables and checksums.
     pub page_headers: u64,
-    /// Records: born leaves and positions.
+    /// Root table, without positions.
+    pub roots: u64,
+    /// Records, without positions: born leaves, where the children's entries and the triangles are.
     pub records: u64,
+    /// Positions, of roots and records.
+    pub positions: u64,
     /// Child entries: ids, switch values, spheres, cones, references.
     pub entries: u64,
     /// Born triangles.
@@ -29,7 +35,22 @@ pub struct BytesByPart {
 impl BytesByPart {
     /// All of them.
     pub fn total(&self) -> u64 {
-        self.tables + self.page_headers + self.records + self.entries + self.triangles
+        self.tree() + self.data() + self.directory()
+    }
+
+    /// The tree itself: the paper's *VDT* (its Table 1).
+    pub fn tree(&self) -> u64 {
+        self.roots + self.records + self.entries
+    }
+
+    /// What is drawn: the paper's *DATA*.
+    pub fn data(&self) -> u64 {
+        self.positions + self.triangles
+    }
+
+    /// What says where the meta-nodes are: the paper's *MNT*.
+    pub fn directory(&self) -> u64 {
+        self.tables + self.page_headers
     }
 }
 
@@ -74,7 +95,12 @@ pub fn statistics(model: &Model) -> Result<ModelStatistics, ModelError> {
         Blocking::Levels { .. } => header.slot_bytes,
     };
     let mut found = ModelStatistics { slot_bytes, least_fill: f64::INFINITY, ..ModelStatistics::default() };
-    found.bytes.tables = header.pages_offset;
+    let bytes = |words: usize| words as u64 * 4;
+    let tree_count = u64::from(header.root_count);
+    found.bytes.roots = tree_count * bytes(ROOT_WORDS - POSITION_WORDS);
+    found.bytes.positions = tree_count * bytes(POSITION_WORDS);
+    // The pages follow the tables, and the header's length was checked against the number of roots.
+    found.bytes.tables = header.pages_offset - tree_count * bytes(ROOT_WORDS);
     let (mut records, mut roots, mut children, mut path_pages) = (0, 0, 0, 0);
     walk(model, -1.0, |page, nodes| {
         let counts = page.counts();
@@ -96,9 +122,9 @@ pub fn statistics(model: &Model) -> Result<ModelStatistics, ModelError> {
             path_pages += leaves * u64::from(node.pages);
             found.longest_path = found.longest_path.max(node.pages);
         }
-        let bytes = |words: usize| words as u64 * 4;
         found.bytes.page_headers += bytes(HEADER_WORDS + 1 + counts.children * CHILD_PAGE_WORDS);
-        found.bytes.records += bytes(counts.records * RECORD_WORDS);
+        found.bytes.records += bytes(counts.records * (RECORD_WORDS - POSITION_WORDS));
+        found.bytes.positions += bytes(counts.records * POSITION_WORDS);
         found.bytes.entries += bytes(counts.entries * ENTRY_WORDS);
         found.bytes.triangles += bytes(counts.triangles * TRIANGLE_WORDS);
         Ok::<_, ModelError>(())
@@ -159,6 +185,9 @@ mod tests {
             let (bytes, summary) = model_bytes(&tree, blocking);
             let found = statistics(&model(&tree, blocking)).unwrap();
             prop_assert_eq!(found.bytes.total(), bytes.len() as u64);
+            // Every leaf stands somewhere once, every triangle has three corners.
+            let drawn = 12 * (tree.leaf_count() + tree.triangles.corners.len()) as u64;
+            prop_assert_eq!(found.bytes.data(), drawn);
             prop_assert_eq!(found.pages, u64::from(summary.pages));
             prop_assert_eq!(found.fill_histogram.iter().sum::<u64>(), found.pages);
             prop_assert!((found.mean_fill - summary.fill).abs() < 1e-9);
@@ -176,5 +205,6 @@ mod tests {
     fn an_empty_model_has_figures() {
         let found = statistics(&model(&Tree::default(), Blocking::default())).unwrap();
         assert_eq!((found.pages, found.bytes.total(), found.least_fill), (0, 260, 0.0));
+        assert_eq!(found.bytes.directory(), 260);
     }
 }
