@@ -14,6 +14,8 @@ use navigator::PathSpec;
 use storage::{ByteSize, EdgeTreeKind};
 use vdt::generate::{Shape, TRIANGLES};
 
+use crate::bench::StrategyChoice;
+
 /// View-dependent models of triangle meshes: build one, check it, take levels of detail out of it, and fly through it
 /// in a RAM budget that you set.
 #[derive(Debug, Parser)]
@@ -51,6 +53,8 @@ pub enum Command {
     Extract(ExtractOptions),
     /// Fly along a camera path within a RAM budget, and report what every frame did.
     Navigate(NavigateOptions),
+    /// Measure how meshes are built: the paper's Table 1, or bytes moved against memory.
+    Bench(BenchOptions),
 }
 
 /// `vdt demo`
@@ -409,6 +413,92 @@ pub struct NavigateOptions {
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
     /// Replace an existing CSV file.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// `vdt bench`
+#[derive(Debug, Args)]
+#[command(
+    after_long_help = "Each build is a process of its own, one after the other, so that RAM, CPU time and I/O are \
+                             its own; models and temporary files are removed.\n\n\
+                             Examples:\n  vdt bench table1 bunny.ply dragon.ply\n  \
+                             vdt bench io dragon.ply --plot io.svg"
+)]
+pub struct BenchOptions {
+    /// What to measure.
+    #[command(subcommand)]
+    pub command: BenchCommand,
+}
+
+/// What can be measured.
+#[derive(Debug, Subcommand)]
+pub enum BenchCommand {
+    /// The paper's Table 1: construction times, and sizes of tree, page data and directory.
+    Table1(Table1Options),
+    /// Bytes read and written for each triangle, against the memory limit.
+    Io(IoBenchOptions),
+}
+
+/// `vdt bench table1`
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  vdt bench table1 bunny.ply dragon.ply\n  \
+                             vdt bench table1 *.ply --memory 64M --threads 1 --runs 3 --plot table1.svg")]
+pub struct Table1Options {
+    /// Mesh files, each a mesh of its own.
+    #[arg(required = true, value_name = "MESH")]
+    pub meshes: Vec<PathBuf>,
+    /// RAM for what grows with a mesh.
+    #[arg(long, default_value = "256M")]
+    pub memory: ByteSize,
+    /// How many threads may work. [default: as many as the machine runs at once]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub threads: Option<u16>,
+    /// In which order edges are collapsed, as for build, with the B-tree of edges: passes, btree:redb or btree:sled.
+    #[arg(long, default_value = "passes")]
+    pub strategy: StrategyChoice,
+    /// What a collapse costs, as for build.
+    #[arg(long, default_value_t = Metric::Quadric, value_parser = one_of(&Metric::ALL))]
+    pub metric: Metric,
+    /// How often each mesh is built; the run with the least CPU time counts.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub runs: u32,
+    /// Folder for models and temporary files. [default: the system's for temporary files]
+    #[arg(long, value_name = "DIR")]
+    pub scratch: Option<PathBuf>,
+    /// Draw the CPU time for each triangle into this file.
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// Replace an existing picture.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// `vdt bench io`
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  vdt bench io dragon.ply --plot io.svg\n  \
+                             vdt bench io terrain.ply --memory 64M,256M --strategy passes --threads 1")]
+pub struct IoBenchOptions {
+    /// Mesh file.
+    #[arg(value_name = "MESH")]
+    pub mesh: PathBuf,
+    /// RAM for what grows with the mesh: one or more limits, each of which is a point of the curve.
+    #[arg(long, value_delimiter = ',', default_value = "16M,32M,64M,128M,256M")]
+    pub memory: Vec<ByteSize>,
+    /// In which order edges are collapsed, as for build, with the B-tree of edges: one or more of passes, btree:redb and
+    /// btree:sled, each a curve.
+    #[arg(long, value_delimiter = ',', default_value = "passes,btree:redb,btree:sled")]
+    pub strategy: Vec<StrategyChoice>,
+    /// How many threads may work. [default: as many as the machine runs at once]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub threads: Option<u16>,
+    /// Folder for models and temporary files. [default: the system's for temporary files]
+    #[arg(long, value_name = "DIR")]
+    pub scratch: Option<PathBuf>,
+    /// Draw the bytes against the memory into this file.
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// Replace an existing picture.
     #[arg(long)]
     pub force: bool,
 }

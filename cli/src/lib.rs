@@ -6,6 +6,7 @@
 //! usage.
 
 mod arguments;
+mod bench;
 mod build;
 mod chart;
 mod demo;
@@ -15,6 +16,7 @@ mod info;
 mod navigate;
 mod output;
 mod progress;
+mod table;
 mod verify;
 
 use std::process::ExitCode;
@@ -41,6 +43,7 @@ pub fn run() -> ExitCode {
         Command::Verify(options) => verify::run(options, json),
         Command::Extract(options) => extract::run(options, json),
         Command::Navigate(options) => navigate::run(options, json),
+        Command::Bench(options) => bench::run(options, json),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -65,8 +68,10 @@ fn message(error: &anyhow::Error) -> String {
     message
 }
 
-/// On Ctrl-C or a request to terminate: an output that is not whole yet goes, its predecessor stays.
+/// On Ctrl-C or a request to terminate: an output that is not whole yet goes, its predecessor stays. A build that was
+/// started to be measured ends, too.
 fn stop() {
+    let _ended = bench::end();
     let _standstill = storage::remove_unfinished();
     eprintln!("vdt: interrupted");
     std::process::exit(INTERRUPTED);

@@ -1,0 +1,67 @@
+//! `vdt bench`: measurements of builds, on the meshes given.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | [`table1`] | the paper's Table 1: construction times and file sizes |
+//! | [`io`] | bytes moved against the memory limit |
+//! | [`child`] | builds as processes of their own, in a temporary folder |
+//! | [`figures`] | what a build says of itself |
+//! | [`machine`] | on which machine it was measured |
+//! | [`strategy`] | a strategy with its B-tree |
+//! | [`plot`] | the pictures of both |
+
+mod child;
+mod figures;
+mod io;
+mod machine;
+mod plot;
+mod strategy;
+mod table1;
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::Result;
+use storage::{Disk, LocalDisk};
+
+use crate::arguments::{BenchCommand, BenchOptions};
+use crate::output::{may_write, write_text};
+
+pub use child::end;
+pub use strategy::StrategyChoice;
+
+pub fn run(options: BenchOptions, json: bool) -> Result<()> {
+    match options.command {
+        BenchCommand::Table1(options) => table1::run(&options, json),
+        BenchCommand::Io(options) => io::run(&options, json),
+    }
+}
+
+/// Where temporary files go: to the folder asked for, or to the system's.
+fn workshop_parent(scratch: Option<&Path>) -> PathBuf {
+    scratch.map_or_else(std::env::temp_dir, Path::to_path_buf)
+}
+
+/// Refuses meshes that cannot be opened and a picture that cannot be written, before anything is measured.
+fn check_files(meshes: &[&Path], plot: Option<&Path>, force: bool) -> Result<()> {
+    for mesh in meshes {
+        LocalDisk.open(mesh)?;
+    }
+    plot.map_or(Ok(()), |plot| may_write(&LocalDisk, plot, force, meshes))
+}
+
+fn write_plot(plot: &Path, picture: &str) -> Result<()> {
+    write_text(Arc::new(LocalDisk), plot, picture)
+}
+
+/// Options of a build: each a name and, behind it, a value.
+fn build_options(pairs: &[(&str, Option<String>)]) -> Vec<OsString> {
+    let given = pairs.iter().filter_map(|(name, value)| Some([name.into(), value.as_ref()?.into()]));
+    given.flatten().collect()
+}
+
+/// The name of a mesh in tables and pictures: that of its file.
+fn mesh_name(mesh: &Path) -> String {
+    mesh.file_name().unwrap_or(mesh.as_os_str()).to_string_lossy().into_owned()
+}

@@ -1,0 +1,251 @@
+//! `vdt bench`: what it prints and draws, what it refuses, and that it leaves nothing behind.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a panic is how a test fails")]
+
+use std::fs;
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+use vdt_tests::mesh_files::{Coordinates, Encoding, ply};
+use vdt_tests::program::{Workplace, wait};
+use vdt_tests::random_mesh::{closed_box, sphere};
+use vdt_tests::workplace;
+
+/// A ball and a box, and a file that is no mesh.
+fn place_with_meshes() -> Workplace {
+    let place = workplace!();
+    place.write("ball.ply", ply(&sphere(4, 0.05, 3), Encoding::LittleEndian, Coordinates::Float));
+    place.write("box.ply", ply(&closed_box(), Encoding::Ascii, Coordinates::Double));
+    place.write("letter.txt", "Dear reader,\n");
+    place
+}
+
+fn whole(row: &Value, key: &str) -> u64 {
+    row[key].as_u64().unwrap_or_else(|| panic!("no `{key}` in {row}"))
+}
+
+fn float(row: &Value, key: &str) -> f64 {
+    row[key].as_f64().unwrap_or_else(|| panic!("no `{key}` in {row}"))
+}
+
+/// The phases are all there, and what they moved is what was moved.
+fn check_phases(row: &Value) {
+    let phases = row["phases"].as_array().unwrap();
+    let names: Vec<&str> = phases.iter().map(|phase| phase["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["ingest", "simplify", "number", "write"]);
+    for key in ["bytes_read", "bytes_written"] {
+        assert_eq!(phases.iter().map(|phase| whole(phase, key)).sum::<u64>(), whole(row, key));
+    }
+    assert!(phases.iter().all(|phase| float(phase, "seconds") >= 0.0 && float(phase, "cpu_seconds") >= 0.0));
+}
+
+fn check_picture(place: &Workplace, name: &str, words: &[&str]) {
+    let svg = String::from_utf8(place.read(name)).unwrap();
+    assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
+    for word in words {
+        assert!(svg.contains(word), "no `{word}` in {name}");
+    }
+}
+
+#[test]
+fn table1_for_people() {
+    let place = place_with_meshes();
+    let mut names = place.names();
+    let text =
+        place.run("bench table1 ball.ply box.ply --memory 8M --threads 1 --scratch . --plot times.svg").success();
+    let lines: Vec<&str> = text.lines().collect();
+    let cells = |line: usize| lines[line].split_whitespace().collect::<Vec<_>>();
+    for heading in ["mesh", "triangles", "vertices", "VDT s", "MNT s", "input MiB", "VDT MiB", "DATA MiB", "MNT MiB"] {
+        assert!(lines[0].contains(heading), "no `{heading}` in {text}");
+    }
+    assert_eq!((cells(1).len(), cells(2).len()), (9, 9), "{text}");
+    assert_eq!((cells(1)[0], &cells(2)[..3]), ("ball.ply", &["box.ply", "12", "8"][..]), "{text}");
+    for heading in ["CPU s", "tri/CPU-s", "peak MiB", "scratch MiB", "read B/tri", "written B/tri", "passes"] {
+        assert!(lines[4].contains(heading), "no `{heading}` in {text}");
+    }
+    assert_eq!((cells(5)[0], cells(6)[0], cells(5).len()), ("ball.ply", "box.ply", 8), "{text}");
+    assert!(text.contains("--memory 8M --threads 1 --strategy passes --metric quadric on "), "{text}");
+    assert!(lines.iter().take(8).all(|line| line.chars().count() <= 100), "{text}");
+    check_picture(&place, "times.svg", &["ball.ply", "box.ply", "simplify", "microseconds of CPU time"]);
+    names.insert("times.svg".into());
+    assert_eq!(place.names(), names);
+}
+
+#[test]
+fn table1_for_programs() {
+    let place = place_with_meshes();
+    let options = "--strategy btree:redb --metric length --runs 2 --scratch .";
+    let names = place.names();
+    let document = place.json(&format!("bench table1 ball.ply box.ply {options}"));
+    assert_eq!(place.names(), names);
+    assert_eq!((whole(&document, "memory_bytes"), whole(&document, "runs")), (256 << 20, 2));
+    assert_eq!((&document["strategy"], &document["metric"]), (&"btree:redb".into(), &"length".into()));
+    assert!(whole(&document["machine"], "cores") > 0);
+    let rows = document["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), 2);
+    for (row, name) in rows.iter().zip(["ball", "box"]) {
+        assert_eq!(row["mesh"], format!("{name}.ply"));
+        // What is measured is the build that users run.
+        let build = place.json(&format!(
+            "build {name}.ply -o {name}.vdt --strategy btree --edge-tree redb --metric length --memory 256M"
+        ));
+        for key in ["triangles", "vertices", "input_triangles", "model_bytes", "passes"] {
+            assert_eq!(row[key], build[key], "{key}");
+        }
+        assert_eq!(whole(row, "input_bytes"), place.read(&format!("{name}.ply")).len() as u64);
+        let parts = ["tree_bytes", "data_bytes", "directory_bytes"].map(|key| whole(row, key));
+        assert_eq!(parts.iter().sum::<u64>(), whole(row, "model_bytes"));
+        // Each vertex has one position, each triangle three corners.
+        assert_eq!(parts[1], 12 * (whole(row, "vertices") + whole(row, "triangles")));
+        assert_eq!(row["cpu_seconds_of_runs"].as_array().unwrap().len(), 2);
+        assert!(float(row, "tree_seconds") > 0.0 && float(row, "meta_node_seconds") > 0.0);
+        assert!(float(row, "triangles_per_cpu_second") > 0.0);
+        assert!(whole(row, "peak_rss_bytes") > 1 << 20);
+        assert_eq!(whole(row, "scratch_peak_bytes"), 0);
+        assert!(whole(row, "bytes_read") >= whole(row, "input_bytes"));
+        assert!(whole(row, "bytes_written") >= whole(row, "model_bytes"));
+        check_phases(row);
+    }
+}
+
+/// A mesh that does not fit: less memory moves more bytes to the same model, and sled is refused, which is no failure.
+#[test]
+fn io_against_memory() {
+    let place = workplace!();
+    place.json("generate gyroid --triangles 40000 -o gyroid.ply");
+    let io = "bench io gyroid.ply --scratch . --memory 5M,64M --strategy passes,btree:sled";
+    let mut names = place.names();
+    let document = place.json(&format!("{io} --plot bytes.svg"));
+    names.insert("bytes.svg".into());
+    assert_eq!(place.names(), names);
+    check_picture(&place, "bytes.svg", &["passes", "btree:sled", "refused or failed", "5 MiB", "64 MiB", "gyroid.ply"]);
+
+    let rows = document["rows"].as_array().unwrap();
+    let keys: Vec<_> = rows.iter().map(|row| (row["strategy"].as_str().unwrap(), whole(row, "memory_bytes"))).collect();
+    assert_eq!(
+        keys,
+        [("passes", 5 << 20), ("passes", 64 << 20), ("btree:sled", 5 << 20), ("btree:sled", 64 << 20)].as_slice()
+    );
+    let [small, large, refused, sled] = rows.as_slice() else { panic!("{document}") };
+    for row in [small, large, sled] {
+        check_phases(row);
+        for key in ["bytes_read", "bytes_written"] {
+            let each = whole(row, key) as f64 / whole(row, "input_triangles") as f64;
+            assert_eq!(float(row, &format!("{key}_per_triangle")), each);
+        }
+        assert!(float(row, "seconds") > 0.0 && float(row, "cpu_seconds") > 0.0);
+    }
+    assert_eq!(small["model_sha256"], large["model_sha256"]);
+    assert!(whole(small, "bytes_read") > 2 * whole(large, "bytes_read"), "{document}");
+    assert!(whole(small, "bytes_written") > 2 * whole(large, "bytes_written"), "{document}");
+    assert!(whole(small, "scratch_peak_bytes") > 0 && whole(large, "scratch_peak_bytes") == 0);
+    let reason = refused["refused"].as_str().unwrap();
+    assert!(reason.contains("sled") && reason.contains("--memory "), "{reason}");
+    assert!(refused["bytes_read"].is_null() && refused["error"].is_null());
+
+    let text = place.run(io).success();
+    for heading in ["strategy", "memory", "read B/tri", "written B/tri", "both B/tri", "CPU s", "peak MiB"] {
+        assert!(text.lines().next().unwrap().contains(heading), "no `{heading}` in {text}");
+    }
+    let row = text.lines().nth(3).unwrap();
+    assert!(row.starts_with("btree:sled") && row.contains("5 MiB") && row.contains(&format!("refused: {reason}")));
+    assert!(text.lines().nth(4).unwrap().starts_with("btree:sled"), "{text}");
+    assert!(text.contains("gyroid.ply (40,000 triangles)"), "{text}");
+}
+
+/// A file that no build takes has its line, and the others theirs; then the bench has failed.
+#[test]
+fn a_build_that_fails_is_told_and_the_others_go_on() {
+    let place = place_with_meshes();
+    let names = place.names();
+    for (arguments, failed, built) in [
+        ("bench table1 letter.txt box.ply --scratch .", "letter.txt  failed: ", "vdt: 1 mesh could not be built\n"),
+        ("bench io letter.txt --memory 8M,16M --strategy passes --scratch .", "failed: ", "vdt: 2 builds failed\n"),
+    ] {
+        let outcome = place.run(arguments);
+        assert_eq!((outcome.status.code(), outcome.stderr.as_str()), (Some(1), built), "{outcome:?}");
+        assert!(
+            outcome.stdout.contains(failed) && outcome.stdout.contains("not a mesh in a known format"),
+            "{outcome:?}"
+        );
+        assert_eq!(outcome.stdout.contains("box.ply"), arguments.contains("box.ply"), "{outcome:?}");
+    }
+    let outcome = place.run("bench table1 letter.txt box.ply --scratch . --json");
+    let document: Value = serde_json::from_str(&outcome.stdout).unwrap();
+    assert!(document["rows"][0]["error"].as_str().unwrap().contains("letter.txt"));
+    assert_eq!(document["rows"][1]["triangles"], 12);
+    assert_eq!(place.names(), names);
+}
+
+#[test]
+fn what_cannot_be_is_refused_before_anything_is_built() {
+    let place = place_with_meshes();
+    place.write("old.svg", "precious");
+    for bench in ["table1", "io"] {
+        let refuses =
+            |code, rest: &str, says: &[&str]| place.refuses(code, &format!("bench {bench} --scratch . {rest}"), says);
+        refuses(1, "missing.ply", &["missing.ply", "No such file"]);
+        refuses(1, "ball.ply --plot old.svg", &["old.svg", "--force"]);
+        refuses(1, "ball.ply --plot ball.ply --force", &["ball.ply", "would replace"]);
+        refuses(1, "ball.ply --plot nowhere/new.svg", &["nowhere"]);
+        place.refuses(1, &format!("bench {bench} ball.ply --scratch nowhere"), &["nowhere"]);
+        refuses(2, "", &["<MESH>"]);
+        refuses(2, "ball.ply --memory 1X", &["1X"]);
+        refuses(2, "ball.ply --threads 0", &["--threads"]);
+        refuses(2, "ball.ply --strategy oak", &["oak"]);
+        refuses(2, "ball.ply --strategy passes:redb", &["passes"]);
+    }
+    place.refuses(1, "bench table1 box.ply missing.ply --scratch .", &["missing.ply", "No such file"]);
+    place.refuses(2, "bench io ball.ply box.ply", &["box.ply"]);
+    place.refuses(2, "bench table1 ball.ply --runs 0", &["--runs"]);
+    place.refuses(2, "bench table9 ball.ply", &["table9"]);
+    place.run("bench table1 box.ply --scratch . --plot old.svg --force").success();
+    check_picture(&place, "old.svg", &["box.ply"]);
+}
+
+#[test]
+fn the_examples_of_the_help_are_right() {
+    let place = workplace!();
+    for bench in ["table1", "io"] {
+        let help = place.run(&format!("bench {bench} --help")).success();
+        let examples: Vec<&str> = help.split_once("Examples:\n").unwrap().1.lines().collect();
+        assert!(examples.len() >= 2);
+        for example in examples {
+            let arguments = example.trim_start().strip_prefix("vdt ").unwrap();
+            assert!(arguments.starts_with(&format!("bench {bench} ")), "{arguments}");
+            place.refuses(1, arguments, &["No such file"]);
+        }
+    }
+}
+
+/// A build has begun to make files. (Looks at no more than it must: the build removes files, too.)
+fn is_building(place: &Workplace) -> bool {
+    let is_begun = |folder: PathBuf| fs::read_dir(folder.join("build")).is_ok_and(|mut files| files.next().is_some());
+    fs::read_dir(place.folder()).unwrap().any(|entry| is_begun(entry.unwrap().path()))
+}
+
+/// Told to stop while a build goes on, the bench ends it and removes what it has made.
+#[test]
+fn stopped_in_between_nothing_is_left() {
+    let place = workplace!();
+    place.json("generate terrain --triangles 400000 -o terrain.ply");
+    let names = place.names();
+    let command = "bench table1 terrain.ply --memory 24M --runs 1000 --scratch . --plot times.svg";
+    let words: Vec<&str> = command.split_whitespace().collect();
+    for signal in ["TERM", "INT"] {
+        let child = place.command(&words).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+        let child = child.unwrap();
+        let start = Instant::now();
+        while !is_building(&place) {
+            assert!(start.elapsed() < Duration::from_secs(60), "no build was begun");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let sent = Command::new("kill").args(["-s", signal, &child.id().to_string()]).status().unwrap();
+        assert!(sent.success());
+        let outcome = wait(child, command, |_| ());
+        assert_eq!((outcome.status.code(), outcome.stderr.as_str()), (Some(130), "vdt: interrupted\n"), "{outcome:?}");
+        assert_eq!(place.names(), names);
+    }
+}
