@@ -2,9 +2,9 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | [`surface`] | an indexed mesh, points spread over it, and the distance to it |
-//! | [`deviation`] | how far two surfaces are apart: root mean square and Hausdorff distance |
-//! | [`levels`] | levels of detail of one mesh: uniform cuts of a vdt model, and meshopt's |
+//! | `surface` | an indexed mesh, points spread over it, and the distance to it |
+//! | `deviation` | how far two surfaces are apart: root mean square and Hausdorff distance |
+//! | `levels` | levels of detail of one mesh: uniform cuts of a vdt model, and meshopt's |
 
 #[cfg(feature = "quality")]
 pub mod deviation;
