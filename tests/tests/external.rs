@@ -88,10 +88,10 @@ fn a_killed_build_is_taken_up_again() {
     std::fs::remove_file(place.path("model.vdt")).unwrap();
     // A manifest that tells of the finished phase, the memory of the second run, and the phases that it has to do.
     let cases = [
-        ("Read", "--memory 24M", &["simplify", "number", "write"][..]),
+        ("read", "--memory 24M", &["simplify", "number", "write"][..]),
         // Regression: the file of the roots was gone before the checkpoint was written, so nothing was taken over.
-        ("Simplified", "--memory 24M", &["number", "write"]),
-        ("Read", "--memory 25M", &["ingest", "simplify", "number", "write"]),
+        ("simplified", "--memory 24M", &["number", "write"]),
+        ("read", "--memory 25M", &["ingest", "simplify", "number", "write"]),
     ];
     for (finished, again, phases) in cases {
         let mut command = place.command(&["build", "mesh.ply", "-o", "model.vdt", "--memory", "24M"]);

@@ -22,8 +22,13 @@ const UNSETTLED: u32 = 1 << 30;
 const GONE: u32 = 1 << 29;
 /// Bit of [`Vertex::state`]: all of the vertex's star is here, whatever it shares with other parts of the mesh.
 const WHOLE: u32 = 1 << 28;
+/// The bits of [`Vertex::state`] that hold since when the vertex is stale, so that the largest counts.
+const STALE: u32 = 7 << STALE_SHIFT;
+const STALE_SHIFT: u32 = 25;
 /// The bits of [`Vertex::state`] that hold the round.
-const ROUND: u32 = WHOLE - 1;
+const ROUND: u32 = (1 << STALE_SHIFT) - 1;
+/// The most rounds of a pass: the last but one from which a vertex can be stale has the number 1 in [`STALE`].
+pub(super) const MOST_ROUNDS: usize = 8;
 
 /// A vertex that is left, as all tests read it. 64 bytes: one cache line.
 #[derive(Debug, Clone, Copy)]
@@ -70,9 +75,23 @@ impl Vertex {
         self.state & WHOLE != 0
     }
 
-    /// What of its state goes to disk: the round, whether it is special, and whether all of its star goes along.
+    /// Whether what a block knows of its star may not be true in the round at hand, see `unsettled`.
+    #[inline]
+    pub fn is_stale(&self) -> bool {
+        self.state & STALE != 0
+    }
+
+    /// Takes away, and returns, from which round of the pass on it is stale, by its index; `None` where it is not.
+    pub fn take_stale(&mut self) -> Option<usize> {
+        let stale = (self.state & STALE) >> STALE_SHIFT;
+        self.state &= !STALE;
+        (stale > 0).then(|| MOST_ROUNDS - stale as usize)
+    }
+
+    /// What of its state goes to disk: the round, whether it is special, and whether all of its star goes along; then also
+    /// since when it is stale.
     pub fn lasting_state(&self, is_whole: bool) -> u32 {
-        self.state & (SPECIAL | ROUND) | if is_whole { WHOLE } else { 0 }
+        self.state & (SPECIAL | ROUND | if is_whole { STALE } else { 0 }) | if is_whole { WHOLE } else { 0 }
     }
 }
 
@@ -315,6 +334,17 @@ impl LiveMesh {
     #[inline]
     pub fn unsettle(&mut self, vertex: u32) {
         self.vertices[vertex as usize].state |= UNSETTLED;
+    }
+
+    /// Makes stale, from the round of this index in the pass on, what is unsettled and not stale yet. The index is 1 at
+    /// least, and below [`MOST_ROUNDS`].
+    pub fn make_stale(&mut self, round_index: usize) {
+        let stale = ((MOST_ROUNDS - round_index) as u32) << STALE_SHIFT;
+        for vertex in &mut self.vertices {
+            if vertex.is_unsettled() && !vertex.is_stale() {
+                vertex.state |= stale;
+            }
+        }
     }
 
     /// The triangles at a vertex.

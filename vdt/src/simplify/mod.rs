@@ -174,7 +174,7 @@ fn run<M: CollapseMetric>(
 ) -> Result<Simplified, SimplifyError> {
     let triangles = mesh.triangles.len();
     let journal = Journal::new(scratch, triangles, plan.memory as usize / 16);
-    let mut schedule = Schedule { done: 0, last: None, triangles };
+    let mut schedule = Schedule::new(triangles);
     let left = if triangles <= plan.core_triangles {
         load(mesh, metric, scratch)?
     } else {

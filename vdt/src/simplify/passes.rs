@@ -1,14 +1,18 @@
 //! Rounds over a mesh larger than memory (design, section 3; the proof that they come to the same as in core is in
 //! `docs/exactness.md`).
 //!
-//! The mesh lies on disk in spatial blocks. A pass is one round:
+//! The mesh lies on disk in spatial blocks. A pass is one round, or several of a cycle:
 //!
-//! 1. *Blocks*, in parallel. Each is read, decides every edge of its batch that no unsettled vertex touches, and is
-//!    written again, in two parts: what is settled, and the *seam*: the stars of the vertices that it shares with other
-//!    blocks and of the ends of the edges that it could not decide.
-//! 2. *Seams*. Those of a group of neighbouring blocks make a mesh, in which the same rule decides what only this group
-//!    touches; what is still undecided goes on to a group of groups, until one group has everything.
+//! 1. *Blocks*, in parallel. Each is read, decides, round by round, every edge of its batch that no unsettled vertex
+//!    touches, and is written again, in two parts: what is settled, and the *seam*: the stars of the vertices that it
+//!    shares with other blocks, of the ends of the edges that it could not decide, and of the ends of those that it could
+//!    not even see (see `unsettled`).
+//! 2. *Seams*. Those of a group of neighbouring blocks make a mesh, in which the same rule decides, round by round, what
+//!    only this group touches; what is still undecided goes on to a group of groups, until one group has everything.
 //! 3. Neighbouring blocks that have become small are one block from the next pass on.
+//!
+//! The more rounds a pass has, the fewer times is the mesh read and written, and the wider are the seams: how many are
+//! best follows from the size of the blocks ([`Plan`]).
 //!
 //! Once all that is left fits in memory, the rounds go on in core. Where no candidate is left before that (a mesh of very
 //! many small closed parts), the end phase goes through the blocks and groups in the same way, each taking the components
@@ -28,14 +32,14 @@ use crate::ingest::StoredMesh;
 use super::collapse::{Candidate, Engine};
 use super::components::{BlockLabels, Components, Labels};
 use super::journal::Journal;
-use super::live_mesh::{LiveMesh, Normalisation};
+use super::live_mesh::{LiveMesh, Normalisation, Vertex};
 use super::log::LoggedRoot;
 use super::metric::CollapseMetric;
 use super::plan::Plan;
 use super::records::{Piece, PieceWriter, Span, VertexRecord, read_pieces};
-use super::rounds::{Batch, Histogram, Round, Sample, Schedule, count_keys};
+use super::rounds::{Batch, CYCLE, Histogram, Round, Sample, Schedule, count_keys};
 use super::seams::Seams;
-use super::unsettled::unsettle_seams;
+use super::unsettled::{begin_round, unsettle_seams};
 use super::{SimplifyError, end_phase, initial, workers};
 
 /// An edge that a block or a group could not decide, by the canonical ids of its ends.
@@ -45,7 +49,9 @@ struct Undecided {
     low: u32,
     high: u32,
     key: u32,
-    is_dearer: u32,
+    is_dearer: u16,
+    /// The round, by its index in the pass.
+    round_index: u16,
 }
 
 /// Where the triangles of a block are.
@@ -91,10 +97,14 @@ struct Workspace<M> {
     engine: Engine<M>,
     batch: Batch,
     undecided: Vec<Candidate>,
+    /// For each round of the pass that is done, how many were undecided when it ended.
+    undecided_until: Vec<usize>,
     /// For each vertex, the blocks that have triangles at it, where there is more than one.
     spans: Vec<Span>,
     /// For each triangle, the block that it belongs to.
     homes: Vec<u16>,
+    /// For each vertex, whether it is, since the last round began, stale or next to one that is.
+    is_near: Vec<bool>,
     /// For each vertex, whether its whole star belongs to the seam.
     is_seam: Vec<bool>,
     /// For each triangle, whether it belongs to the seam.
@@ -110,8 +120,10 @@ impl<M: CollapseMetric> Workspace<M> {
             engine: Engine::new(live, metric, mesh.exponent),
             batch: Batch::default(),
             undecided: Vec::new(),
+            undecided_until: Vec::new(),
             spans: Vec::new(),
             homes: Vec::new(),
+            is_near: Vec::new(),
             is_seam: Vec::new(),
             in_seam: Vec::new(),
             places: Vec::new(),
@@ -122,15 +134,28 @@ impl<M: CollapseMetric> Workspace<M> {
     fn clear(&mut self) {
         self.engine.mesh.clear();
         self.undecided.clear();
+        self.undecided_until.clear();
+        self.is_near.clear();
         self.spans.clear();
         self.homes.clear();
     }
 
-    /// Marks the seam: the stars of the vertices for which `is_shared` holds, and of the ends of undecided edges.
+    /// Does the batch of a round.
+    fn process(&mut self, round: Round) {
+        self.engine.round = round.number;
+        self.batch.process(&mut self.engine, round.limit, &mut self.undecided);
+        self.undecided_until.push(self.undecided.len());
+    }
+
+    /// Marks the seam: the stars of the vertices for which `is_shared` holds, of the ends of undecided edges, and of those
+    /// that may be ends of edges that were not seen.
     fn mark_seam(&mut self, is_shared: impl Fn(Span) -> bool) {
         let mesh = &self.engine.mesh;
         self.is_seam.clear();
         self.is_seam.extend(self.spans.iter().map(|span| is_shared(*span)));
+        for (is_seam, is_near) in self.is_seam.iter_mut().zip(&self.is_near) {
+            *is_seam |= is_near;
+        }
         for candidate in &self.undecided {
             let (low, high) = candidate.vertices();
             self.is_seam[low as usize] = true;
@@ -147,11 +172,15 @@ impl<M: CollapseMetric> Workspace<M> {
 
     fn write_undecided(&self, scratch: &Scratch, buffer: usize) -> Result<Spool<Undecided>, StorageError> {
         let mut undecided = SpoolWriter::new(scratch, "undecided", buffer);
-        for candidate in &self.undecided {
+        let mut round_index = 0;
+        for (number, candidate) in self.undecided.iter().enumerate() {
+            while self.undecided_until[usize::from(round_index)] <= number {
+                round_index += 1;
+            }
             let (low, high) = candidate.vertices();
             let [low, high] = [low, high].map(|end| self.engine.mesh.vertices[end as usize].id);
             let is_dearer = candidate.is_dearer().into();
-            undecided.push(Undecided { low, high, key: candidate.key, is_dearer })?;
+            undecided.push(Undecided { low, high, key: candidate.key, is_dearer, round_index })?;
         }
         undecided.finish_on_disk()
     }
@@ -163,17 +192,18 @@ struct Pass<'a> {
     scratch: &'a Scratch,
     journal: &'a Journal,
     plan: Plan,
-    round: Round,
-    /// The sample in which keys are counted for the round to come.
-    sample: Sample,
+    rounds: Vec<Round>,
+    /// The sample in which keys are counted for the cycle to come, where this one is over with the pass.
+    sample: Option<Sample>,
     histogram: Mutex<Histogram>,
 }
 
 impl Pass<'_> {
-    /// Counts the keys above the limit of what is settled.
+    /// Counts the keys above the last limit of what is settled.
     fn count<M: CollapseMetric>(&self, workspace: &mut Workspace<M>) {
+        let (Some(sample), Some(last)) = (self.sample, self.rounds.last()) else { return };
         let Workspace { engine, in_seam, histogram, .. } = workspace;
-        count_keys(engine, Some(self.round.limit), self.sample, |triangle| !in_seam[triangle], histogram);
+        count_keys(engine, Some(last.limit), sample, |triangle| !in_seam[triangle], histogram);
         self.histogram.lock().unwrap_or_else(PoisonError::into_inner).add_all(histogram);
         histogram.clear();
     }
@@ -183,19 +213,25 @@ impl Pass<'_> {
     }
 
     /// Does block `number`, which is loaded. Returns what is settled of it, its seam, and how many edges were in its
-    /// batch.
+    /// batches.
     fn do_block<M: CollapseMetric>(
         &self,
         workspace: &mut Workspace<M>,
         number: u16,
     ) -> Result<(Piece, Seam, usize), StorageError> {
-        let Workspace { engine, batch, undecided, spans, .. } = workspace;
+        let Workspace { engine, spans, .. } = workspace;
         unsettle_seams(&mut engine.mesh, |vertex| spans[vertex].is_shared());
-        engine.round = self.round.number;
-        batch.collect(engine, self.round);
-        batch.process(engine, self.round.limit, undecided);
-        self.journal.take(engine)?;
-        let edges = batch.len();
+        let mut edges = 0;
+        for (index, round) in self.rounds.iter().enumerate() {
+            let Workspace { engine, batch, is_near, .. } = workspace;
+            if index > 0 {
+                begin_round(&mut engine.mesh, index, is_near);
+            }
+            batch.collect(engine, *round);
+            edges += batch.len();
+            workspace.process(*round);
+            self.journal.take(&mut workspace.engine)?;
+        }
         workspace.mark_seam(Span::is_shared);
         self.count(workspace);
         let undecided = workspace.write_undecided(self.scratch, self.plan.buffer_bytes / 8)?;
@@ -218,23 +254,35 @@ impl Pass<'_> {
         workspace.clear();
         let (first, last) = (seams[0].first, seams[seams.len() - 1].last);
         let pieces = || seams.iter().flat_map(|seam| &seam.pieces).map(|(home, piece)| (*home, piece));
-        let Workspace { engine, batch, undecided, spans, homes, .. } = workspace;
+        let Workspace { engine, spans, homes, .. } = workspace;
         read_pieces(&mut engine.mesh, pieces(), spans, homes, self.plan.buffer_bytes * 2)?;
         let is_shared = |span: Span| !is_last && !span.is_within(first, last);
         unsettle_seams(&mut engine.mesh, |vertex| is_shared(spans[vertex]));
-        engine.round = self.round.number;
-        let mut candidates = Vec::new();
+        // What was stale in the parts is known here; what is so for the group is noted anew.
+        let stale_from: Vec<Option<usize>> = engine.mesh.vertices.iter_mut().map(Vertex::take_stale).collect();
+        let mut candidates = vec![Vec::new(); self.rounds.len()];
         for seam in seams {
             let mut reader = seam.undecided.reader(self.plan.buffer_bytes / 8);
-            while let Some(Undecided { low, high, key, is_dearer }) = reader.next()? {
+            while let Some(Undecided { low, high, key, is_dearer, round_index }) = reader.next()? {
                 let place = |id: u32| engine.mesh.vertices.partition_point(|vertex| vertex.id < id) as u32;
                 let candidate = Candidate::of([low, high].map(place), [low, high], key);
-                candidates.push(if is_dearer != 0 { candidate.dearer(key) } else { candidate });
+                candidates[usize::from(round_index)].push(if is_dearer != 0 {
+                    candidate.dearer(key)
+                } else {
+                    candidate
+                });
             }
         }
-        batch.replace(candidates.into_iter());
-        batch.process(engine, self.round.limit, undecided);
-        self.journal.take(engine)?;
+        for ((index, round), candidates) in self.rounds.iter().enumerate().zip(candidates) {
+            let Workspace { engine, batch, is_near, .. } = workspace;
+            if index > 0 {
+                begin_round(&mut engine.mesh, index, is_near);
+            }
+            let is_stale = |vertex: u32| stale_from[vertex as usize].is_some_and(|from| from <= index);
+            batch.replace(candidates.into_iter(), engine, *round, is_stale);
+            workspace.process(*round);
+            self.journal.take(&mut workspace.engine)?;
+        }
         workspace.mark_seam(is_shared);
         self.count(workspace);
 
@@ -327,18 +375,17 @@ pub(super) fn run<M: CollapseMetric>(
     let labels = Mutex::new(Labels::new(scratch));
     let mut blocks = Blocks::of(mesh);
     let mut workspaces: Vec<_> = (0..plan.threads).map(|_| Workspace::new(mesh, metric)).collect();
-    let mut limit = histogram.take_limit();
-    while let Some(this_limit) = limit.or(schedule.last)
-        && (schedule.done == 0 || blocks.triangles() > plan.core_triangles)
-    {
-        let left = blocks.triangles();
+    schedule.begin_cycle(histogram.take_limits(), blocks.triangles());
+    let mut shared_vertices = mesh.seam_vertices.len();
+    while !schedule.is_cycle_over() && (schedule.done == 0 || blocks.triangles() > plan.core_triangles) {
+        let rounds = schedule.next_rounds(plan.pass_rounds(blocks.contents.len(), shared_vertices));
         let pass = Pass {
             mesh,
             scratch,
             journal,
             plan: *plan,
-            round: Round { number: schedule.done + 1, last: schedule.last, limit: this_limit },
-            sample: Sample::of(left),
+            sample: schedule.is_over_with(&rounds).then(|| schedule.sample()),
+            rounds,
             histogram: Mutex::new(Histogram::new()),
         };
         let results = workers::for_each(&mut workspaces, blocks.contents.len(), |workspace, number| {
@@ -357,6 +404,7 @@ pub(super) fn run<M: CollapseMetric>(
         }
         // What a pass has read is let go before the seams are written again.
         blocks.contents.clear();
+        shared_vertices = Plan::shared_vertices(seams.iter().map(Seam::triangles).sum(), pass.rounds.len());
         let settled = through_groups(plan, &mut workspaces, seams, |workspace, seams, is_last| {
             pass.do_group(workspace, seams, &next, is_last)
         })?;
@@ -364,15 +412,18 @@ pub(super) fn run<M: CollapseMetric>(
             pieces[usize::from(block)].push(piece);
         }
         blocks = Blocks { contents: pieces.into_iter().map(Content::Pieces).collect(), numbers: next };
-        if edges == 0 && limit.is_none() {
+        if edges == 0 && schedule.is_dry() {
             // No candidate is left: this was no round at all.
             break;
         }
-        *schedule = Schedule { done: pass.round.number, last: Some(this_limit), triangles: left };
+        schedule.advance(&pass.rounds);
         progress(journal.collapses() as f64 / mesh.positions.len().max(1) as f64);
-        limit = pass.histogram.into_inner().unwrap_or_else(PoisonError::into_inner).take_limit();
-        if limit.is_none() && pass.sample != Sample::ALL {
-            limit = count_all(&blocks, &mut workspaces, this_limit)?;
+        if let Some(sample) = pass.sample {
+            let mut limits = pass.histogram.into_inner().unwrap_or_else(PoisonError::into_inner).take_limits();
+            if limits.is_none() && sample != Sample::ALL {
+                limits = count_all(&blocks, &mut workspaces, schedule.last())?;
+            }
+            schedule.begin_cycle(limits, blocks.triangles());
         }
     }
     drop(inboxes);
@@ -507,24 +558,24 @@ fn load_block<M: CollapseMetric>(
     }
 }
 
-/// The limit over all that is left, where a sample found nothing above the last one.
+/// The limits over all that is left, where a sample found nothing above the last one.
 fn count_all<M: CollapseMetric>(
     blocks: &Blocks,
     workspaces: &mut [Workspace<M>],
-    last: u32,
-) -> Result<Option<u32>, StorageError> {
+    last: Option<u32>,
+) -> Result<Option<[u32; CYCLE]>, StorageError> {
     let total = Mutex::new(Histogram::new());
     workers::for_each(workspaces, blocks.contents.len(), |workspace, number| {
         workspace.clear();
         let Content::Pieces(pieces) = &blocks.contents[number] else { return Ok(()) };
         let Workspace { engine, spans, homes, histogram, .. } = workspace;
         read_pieces(&mut engine.mesh, pieces.iter().map(|piece| (0, piece)), spans, homes, 1 << 20)?;
-        count_keys(engine, Some(last), Sample::ALL, |_| true, histogram);
+        count_keys(engine, last, Sample::ALL, |_| true, histogram);
         total.lock().unwrap_or_else(PoisonError::into_inner).add_all(histogram);
         histogram.clear();
         Ok::<_, StorageError>(())
     })?;
-    Ok(total.into_inner().unwrap_or_else(PoisonError::into_inner).take_limit())
+    Ok(total.into_inner().unwrap_or_else(PoisonError::into_inner).take_limits())
 }
 
 /// The number of each block in the next pass: neighbours that have become small are one.
@@ -557,10 +608,10 @@ fn through_groups<M: CollapseMetric, R: Send>(
         let groups = group(&seams, plan, workspaces.len());
         // A group that is too large for one thread of several has the memory of all.
         let largest = groups.iter().map(|range| range.iter().map(Seam::triangles).sum::<u64>()).max().unwrap_or(0);
-        if largest > plan.core_triangles {
+        if largest > plan.seam_triangles {
             return Err(SimplifyError::Seam { triangles: largest, needed: Plan::memory_for_core(largest) });
         }
-        let threads = if largest > plan.block_triangles { 1 } else { workspaces.len() };
+        let threads = if largest > plan.group_triangles { 1 } else { workspaces.len() };
         let is_last = groups.len() == 1;
         let results = workers::for_each(&mut workspaces[..threads], groups.len(), |workspace, number| {
             work(workspace, groups[number], is_last)
@@ -574,12 +625,12 @@ fn through_groups<M: CollapseMetric, R: Send>(
     Ok(all)
 }
 
-/// Cuts the seams into groups of neighbours, each of two seams at least where there are two, that fit in a block's
-/// memory if that can be; into one for each thread where there are enough.
+/// Cuts the seams into groups of neighbours, each of two seams at least where there are two, that fit in a
+/// thread's memory if that can be; into one for each thread where there are enough.
 fn group<'a>(seams: &'a [Seam], plan: &Plan, threads: usize) -> Vec<&'a [Seam]> {
     let total: u64 = seams.iter().map(Seam::triangles).sum();
     let share = if seams.len() >= 2 * threads { total / threads as u64 + 1 } else { total };
-    let most = share.min(plan.block_triangles);
+    let most = share.min(plan.group_triangles);
     let mut groups = Vec::new();
     let mut start = 0;
     while start < seams.len() {

@@ -6,6 +6,10 @@
 //! vertex changes the stars of its ring. An edge with an unsettled end is not decided when its turn comes. Whatever its
 //! collapse, in either direction, could change is unsettled from then on: the rings of both ends. So an edge that is
 //! decided sees the true stars, quadrics and keys, and is decided as it would be in core.
+//!
+//! A pass may do several rounds in one go. When a round begins that is not the first, what is unsettled by then is *stale*:
+//! whether its edges are in the batch of the round, and at which key, is not known here. So nothing near them is decided:
+//! two rings more are unsettled.
 
 use super::live_mesh::LiveMesh;
 
@@ -13,10 +17,24 @@ use super::live_mesh::LiveMesh;
 pub(super) fn unsettle_seams(mesh: &mut LiveMesh, is_shared: impl Fn(usize) -> bool) {
     for triangle in 0..mesh.triangles.len() {
         let corners = mesh.triangles[triangle].corners;
-        if corners.iter().any(|corner| is_shared(*corner as usize)) {
+        if mesh.is_live(triangle) && corners.iter().any(|corner| is_shared(*corner as usize)) {
             corners.into_iter().for_each(|corner| mesh.unsettle(corner));
         }
     }
+}
+
+/// Begins a round of this index in the pass, 1 or more. `is_near` receives, for each vertex, whether it is stale or next to
+/// one that is: what the edges of the round that are not seen here are the ends of.
+pub(super) fn begin_round(mesh: &mut LiveMesh, round_index: usize, is_near: &mut Vec<bool>) {
+    mesh.make_stale(round_index);
+    is_near.clear();
+    is_near.resize(mesh.vertices.len(), false);
+    for triangle in mesh.triangles.iter().filter(|triangle| !triangle.is_gone()) {
+        if triangle.corners.iter().any(|corner| mesh.vertices[*corner as usize].is_stale()) {
+            triangle.corners.into_iter().for_each(|corner| is_near[corner as usize] = true);
+        }
+    }
+    unsettle_seams(mesh, |vertex| is_near[vertex]);
 }
 
 /// Unsettles what the collapse of an edge, in either direction, could change.
