@@ -27,6 +27,7 @@
 pub mod atomic_file;
 mod background;
 pub mod budget;
+mod buffers;
 pub mod byte_size;
 pub mod counting_disk;
 pub mod disk;

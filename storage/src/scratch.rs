@@ -26,6 +26,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::atomic_file::AtomicFile;
 use crate::background::{Background, Task};
+use crate::buffers::{Buffer, Buffers};
 use crate::disk::{Block, Disk, ScratchFile, StorageError};
 
 /// The lock of a folder.
@@ -70,6 +71,7 @@ pub(crate) struct Inner {
     /// Whether spools go on while they are read and written.
     is_overlapped: AtomicBool,
     background: Background,
+    buffers: Arc<Buffers>,
 }
 
 #[derive(Debug)]
@@ -136,7 +138,8 @@ impl Scratch {
     fn at(place: Option<Place>, next_number: u64) -> Self {
         let [next_number, bytes, peak_bytes] = [next_number, 0, 0].map(AtomicU64::new);
         let (is_overlapped, background) = (AtomicBool::new(false), Background::new());
-        let inner = Arc::new(Inner { place, next_number, bytes, peak_bytes, is_overlapped, background });
+        let buffers = Arc::default();
+        let inner = Arc::new(Inner { place, next_number, bytes, peak_bytes, is_overlapped, background, buffers });
         if inner.place.is_some() {
             let mut folders = FOLDERS.lock().unwrap_or_else(PoisonError::into_inner);
             folders.retain(|folder| folder.strong_count() > 0);
@@ -154,6 +157,11 @@ impl Scratch {
     /// Whether [`Scratch::overlap`] was called.
     pub(crate) fn is_overlapped(&self) -> bool {
         self.inner.is_overlapped.load(Ordering::Relaxed)
+    }
+
+    /// Lets go of the buffers that are kept from one store to the next: when what comes next has the memory for itself.
+    pub fn release_buffers(&self) {
+        self.inner.buffers.clear();
     }
 
     /// Whether there is a disk to go to.
@@ -437,25 +445,30 @@ impl TemporaryFile {
         Ok(())
     }
 
+    /// A buffer of so many blocks, with anything in them.
+    pub fn buffer(&self, blocks: usize) -> Buffer {
+        self.scratch.inner.buffers.take(blocks)
+    }
+
     /// Whether [`Scratch::overlap`] was called.
     pub fn is_overlapped(&self) -> bool {
         self.scratch.is_overlapped()
     }
 
     /// Begins to write the first `count` of these blocks from block number `first` on.
-    pub fn begin_write(&self, first: u64, blocks: Vec<Block>, count: usize) -> Result<Transfer, StorageError> {
+    pub fn begin_write(&self, first: u64, blocks: Buffer, count: usize) -> Result<Transfer, StorageError> {
         self.grow_to(first + count as u64);
         self.begin(blocks, move |file, blocks| file.write_blocks(first, &blocks[..count]))
     }
 
     /// Begins to fill these blocks from block number `first` on.
-    pub fn begin_read(&self, first: u64, blocks: Vec<Block>) -> Result<Transfer, StorageError> {
+    pub fn begin_read(&self, first: u64, blocks: Buffer) -> Result<Transfer, StorageError> {
         self.begin(blocks, move |file, blocks| file.read_blocks(first, blocks))
     }
 
     fn begin(
         &self,
-        mut blocks: Vec<Block>,
+        mut blocks: Buffer,
         job: impl FnOnce(&dyn ScratchFile, &mut [Block]) -> Result<(), StorageError> + Send + 'static,
     ) -> Result<Transfer, StorageError> {
         let file = self.file.clone();
@@ -484,13 +497,13 @@ impl TemporaryFile {
 /// Blocks on their way to or from a [`TemporaryFile`].
 #[derive(Debug)]
 pub(crate) struct Transfer {
-    task: Task<Result<Vec<Block>, StorageError>>,
+    task: Task<Result<Buffer, StorageError>>,
     path: PathBuf,
 }
 
 impl Transfer {
     /// Waits until they are there, and hands them back.
-    pub fn wait(self) -> Result<Vec<Block>, StorageError> {
+    pub fn wait(self) -> Result<Buffer, StorageError> {
         self.task.wait().map_err(|error| StorageError::io(&self.path, "read or write", error))?
     }
 }

@@ -14,6 +14,7 @@ use std::marker::PhantomData;
 use bytemuck::Pod;
 use serde::{Deserialize, Serialize};
 
+use crate::buffers::Buffer;
 use crate::disk::{Block, StorageError};
 use crate::scratch::{Scratch, TemporaryFile, Transfer};
 
@@ -46,7 +47,7 @@ pub struct SpoolWriter<T> {
 #[derive(Debug)]
 struct OnDisk {
     file: TemporaryFile,
-    blocks: Vec<Block>,
+    blocks: Buffer,
     /// Where the scratch is overlapped, the blocks that were full before.
     on_their_way: Option<Transfer>,
     /// Bytes of the blocks that are in use.
@@ -82,6 +83,15 @@ impl<T: Pod> SpoolWriter<T> {
             on_disk: None,
             moved: 0,
         }
+    }
+
+    /// Begins an empty sequence that goes to disk at once, where there is one: what is left in RAM at the end is nothing.
+    pub fn to_disk(scratch: &Scratch, name: &str, ram_bytes: usize) -> Self {
+        let mut writer = SpoolWriter::new(scratch, name, ram_bytes);
+        if scratch.has_disk() {
+            writer.most = record_count::<T>(WAITING_BYTES);
+        }
+        writer
     }
 
     /// Appends a record.
@@ -177,7 +187,8 @@ impl OnDisk {
     /// With `blocks` blocks in all.
     fn new(file: TemporaryFile, blocks: usize) -> Self {
         let blocks = if file.is_overlapped() { (blocks / 2).max(1) } else { blocks };
-        OnDisk { file, blocks: vec![Block::ZERO; blocks], on_their_way: None, used: 0, written: 0 }
+        let blocks = file.buffer(blocks);
+        OnDisk { file, blocks, on_their_way: None, used: 0, written: 0 }
     }
 
     fn append(&mut self, mut bytes: &[u8]) -> Result<(), StorageError> {
@@ -200,7 +211,7 @@ impl OnDisk {
         if self.file.is_overlapped() {
             let others = match self.on_their_way.take() {
                 Some(before) => before.wait()?,
-                None => vec![Block::ZERO; self.blocks.len()],
+                None => self.file.buffer(self.blocks.len()),
             };
             let full = std::mem::replace(&mut self.blocks, others);
             self.on_their_way = Some(self.file.begin_write(self.written, full, blocks)?);
@@ -303,13 +314,12 @@ impl<T: Pod> Spool<T> {
         match &self.content {
             Content::Records(all) => bytes.copy_from_slice(bytes_in(all, first_byte, bytes.len())),
             Content::File(file) => {
-                let mut buffer = Vec::new();
                 let mut done = 0;
                 while done < bytes.len() {
                     let from = first_byte + done as u64;
                     let (block, offset) = (from / Block::BYTES as u64, (from % Block::BYTES as u64) as usize);
                     let blocks = (offset + bytes.len() - done).div_ceil(Block::BYTES).min(MOST_BLOCKS_AT_ONCE);
-                    buffer.resize(blocks, Block::ZERO);
+                    let mut buffer = file.buffer(blocks);
                     file.read(block, &mut buffer)?;
                     let found = &bytemuck::cast_slice::<Block, u8>(&buffer)[offset..];
                     let count = found.len().min(bytes.len() - done);
@@ -366,7 +376,7 @@ pub(crate) struct Cursor {
     end: u64,
     most_blocks: usize,
     /// Of a file, blocks of it. What is in RAM is read where it is.
-    buffer: Vec<Block>,
+    buffer: Option<Buffer>,
     /// Where the scratch is overlapped, the blocks behind them.
     ahead: Option<Transfer>,
     /// Where in the buffer the next record begins.
@@ -379,7 +389,7 @@ impl Cursor {
     /// For the records `start..end` of a spool of records `T`, with a buffer of at most `ram_bytes`.
     pub(crate) fn new<T>(start: u64, end: u64, ram_bytes: usize) -> Self {
         let most_blocks = (ram_bytes / Block::BYTES).max(FEWEST_BLOCKS).max(size_of::<T>() / Block::BYTES + 2);
-        Cursor { next: start, end, most_blocks, buffer: Vec::new(), ahead: None, offset: 0, left: 0 }
+        Cursor { next: start, end, most_blocks, buffer: None, ahead: None, offset: 0, left: 0 }
     }
 
     /// The next record, `None` behind the last.
@@ -408,7 +418,7 @@ impl Cursor {
     fn bytes<'a, T: Pod>(&'a self, spool: &'a Spool<T>) -> &'a [u8] {
         match &spool.content {
             Content::Records(all) => bytemuck::cast_slice(all),
-            Content::File(_) => bytemuck::cast_slice(&self.buffer),
+            Content::File(_) => bytemuck::cast_slice(self.buffer.as_deref().unwrap_or_default()),
         }
     }
 
@@ -421,21 +431,24 @@ impl Cursor {
         if let Content::File(file) = &spool.content {
             let (block, offset, blocks) = self.stretch::<T>(file);
             self.offset = offset;
-            let mut emptied = Vec::new();
-            if let Some(ahead) = self.ahead.take() {
-                emptied = std::mem::replace(&mut self.buffer, ahead.wait()?);
-            } else {
-                self.buffer.reserve_exact(blocks.saturating_sub(self.buffer.len()));
-                self.buffer.resize(blocks, Block::ZERO);
-                file.read(block, &mut self.buffer)?;
-            }
+            let full = match self.ahead.take() {
+                Some(ahead) => ahead.wait()?,
+                None => {
+                    let mut buffer = match self.buffer.take() {
+                        Some(emptied) if emptied.len() == blocks => emptied,
+                        _ => file.buffer(blocks),
+                    };
+                    file.read(block, &mut buffer)?;
+                    buffer
+                }
+            };
+            self.buffer = Some(full);
             let records = (blocks * Block::BYTES - offset) / size_of::<T>();
             self.left = records.min((self.end - self.next) as usize);
             self.next += self.left as u64;
             if file.is_overlapped() && self.next < self.end {
                 let (block, _, blocks) = self.stretch::<T>(file);
-                emptied.resize(blocks, Block::ZERO);
-                self.ahead = Some(file.begin_read(block, emptied)?);
+                self.ahead = Some(file.begin_read(block, file.buffer(blocks))?);
             }
         } else {
             self.offset = (self.next * size_of::<T>() as u64) as usize;

@@ -161,6 +161,12 @@ impl<M: CollapseMetric> Engine<M> {
         self.rules = Rules::Relaxed;
     }
 
+    /// Lets go of the mesh, and of the memory that it took.
+    pub fn release(&mut self) {
+        self.mesh.release();
+        (self.collapses, self.deaths) = Default::default();
+    }
+
     /// Mesh units per normalised unit.
     pub fn unit(&self) -> f64 {
         self.unit

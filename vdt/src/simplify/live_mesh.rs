@@ -27,8 +27,8 @@ const STALE: u32 = 7 << STALE_SHIFT;
 const STALE_SHIFT: u32 = 25;
 /// The bits of [`Vertex::state`] that hold the round.
 const ROUND: u32 = (1 << STALE_SHIFT) - 1;
-/// The most rounds of a pass: the last but one from which a vertex can be stale has the number 1 in [`STALE`].
-pub(super) const MOST_ROUNDS: usize = 8;
+/// No pass has more rounds.
+pub(super) const MOST_ROUNDS: u8 = 8;
 
 /// A vertex that is left, as all tests read it. 64 bytes: one cache line.
 #[derive(Debug, Clone, Copy)]
@@ -81,11 +81,12 @@ impl Vertex {
         self.state & STALE != 0
     }
 
-    /// Takes away, and returns, from which round of the pass on it is stale, by its index; `None` where it is not.
-    pub fn take_stale(&mut self) -> Option<usize> {
+    /// Takes away, and returns, from which round of the pass on it is stale, by its index; [`MOST_ROUNDS`] where it is
+    /// not.
+    pub fn take_stale(&mut self) -> u8 {
         let stale = (self.state & STALE) >> STALE_SHIFT;
         self.state &= !STALE;
-        (stale > 0).then(|| MOST_ROUNDS - stale as usize)
+        MOST_ROUNDS - stale as u8
     }
 
     /// What of its state goes to disk: the round, whether it is special, and whether all of its star goes along; then also
@@ -254,6 +255,12 @@ impl LiveMesh {
         self.live_triangles = 0;
     }
 
+    /// Lets go of everything in it, and of the memory that it took.
+    pub fn release(&mut self) {
+        let LiveMesh { normalisation, reference, .. } = *self;
+        *self = LiveMesh { reference, ..LiveMesh::new(normalisation, [0.0; 3]) };
+    }
+
     /// Appends a vertex, whose canonical id is larger than all before.
     pub fn push_vertex(&mut self, node: Node, quadric: Quadric, state: u32) {
         let position = self.normalisation.apply(node.position);
@@ -338,8 +345,8 @@ impl LiveMesh {
 
     /// Makes stale, from the round of this index in the pass on, what is unsettled and not stale yet. The index is 1 at
     /// least, and below [`MOST_ROUNDS`].
-    pub fn make_stale(&mut self, round_index: usize) {
-        let stale = ((MOST_ROUNDS - round_index) as u32) << STALE_SHIFT;
+    pub fn make_stale(&mut self, round_index: u8) {
+        let stale = u32::from(MOST_ROUNDS - round_index) << STALE_SHIFT;
         for vertex in &mut self.vertices {
             if vertex.is_unsettled() && !vertex.is_stale() {
                 vertex.state |= stale;

@@ -140,6 +140,13 @@ impl<M: CollapseMetric> Workspace<M> {
         self.homes.clear();
     }
 
+    /// Lets go of the memory of what was in it last.
+    fn release(&mut self) {
+        self.engine.release();
+        self.batch = Batch::default();
+        (self.undecided, self.spans, self.homes, self.places) = Default::default();
+    }
+
     /// Does the batch of a round.
     fn process(&mut self, round: Round) {
         self.engine.round = round.number;
@@ -171,7 +178,7 @@ impl<M: CollapseMetric> Workspace<M> {
     }
 
     fn write_undecided(&self, scratch: &Scratch, buffer: usize) -> Result<Spool<Undecided>, StorageError> {
-        let mut undecided = SpoolWriter::new(scratch, "undecided", buffer);
+        let mut undecided = SpoolWriter::to_disk(scratch, "undecided", buffer);
         let mut round_index = 0;
         for (number, candidate) in self.undecided.iter().enumerate() {
             while self.undecided_until[usize::from(round_index)] <= number {
@@ -222,7 +229,7 @@ impl Pass<'_> {
         let Workspace { engine, spans, .. } = workspace;
         unsettle_seams(&mut engine.mesh, |vertex| spans[vertex].is_shared());
         let mut edges = 0;
-        for (index, round) in self.rounds.iter().enumerate() {
+        for (index, round) in (0..).zip(&self.rounds) {
             let Workspace { engine, batch, is_near, .. } = workspace;
             if index > 0 {
                 begin_round(&mut engine.mesh, index, is_near);
@@ -259,7 +266,7 @@ impl Pass<'_> {
         let is_shared = |span: Span| !is_last && !span.is_within(first, last);
         unsettle_seams(&mut engine.mesh, |vertex| is_shared(spans[vertex]));
         // What was stale in the parts is known here; what is so for the group is noted anew.
-        let stale_from: Vec<Option<usize>> = engine.mesh.vertices.iter_mut().map(Vertex::take_stale).collect();
+        let stale_from: Vec<u8> = engine.mesh.vertices.iter_mut().map(Vertex::take_stale).collect();
         let mut candidates = vec![Vec::new(); self.rounds.len()];
         for seam in seams {
             let mut reader = seam.undecided.reader(self.plan.buffer_bytes / 8);
@@ -273,12 +280,12 @@ impl Pass<'_> {
                 });
             }
         }
-        for ((index, round), candidates) in self.rounds.iter().enumerate().zip(candidates) {
+        for ((index, round), candidates) in (0..).zip(&self.rounds).zip(candidates) {
             let Workspace { engine, batch, is_near, .. } = workspace;
             if index > 0 {
                 begin_round(&mut engine.mesh, index, is_near);
             }
-            let is_stale = |vertex: u32| stale_from[vertex as usize].is_some_and(|from| from <= index);
+            let is_stale = |vertex: u32| stale_from[vertex as usize] <= index;
             batch.replace(candidates.into_iter(), engine, *round, is_stale);
             workspace.process(*round);
             self.journal.take(&mut workspace.engine)?;
@@ -436,6 +443,7 @@ pub(super) fn run<M: CollapseMetric>(
     }
     // The memory of blocks is let go before the whole mesh takes it.
     drop(workspaces);
+    scratch.release_buffers();
     let mut workspace = Workspace::new(mesh, metric);
     let all = blocks.contents.iter().flat_map(|content| match content {
         Content::Initial(_) => [].iter(),
@@ -613,9 +621,13 @@ fn through_groups<M: CollapseMetric, R: Send>(
         }
         let threads = if largest > plan.group_triangles { 1 } else { workspaces.len() };
         let is_last = groups.len() == 1;
+        workspaces[threads..].iter_mut().for_each(Workspace::release);
         let results = workers::for_each(&mut workspaces[..threads], groups.len(), |workspace, number| {
             work(workspace, groups[number], is_last)
         })?;
+        if threads < workspaces.len() {
+            workspaces[..threads].iter_mut().for_each(Workspace::release);
+        }
         seams = Vec::new();
         for (result, seam) in results {
             all.push(result);

@@ -12,7 +12,7 @@ const FEWEST_BLOCK_TRIANGLES: u64 = 30_000;
 
 /// Rounds that a pass may have, and about how many triangles its seams then have for each vertex that blocks share
 /// (measured on terrain: 36 blocks of 440,000 triangles, 140 of 110,000).
-const SEAM_WIDTHS: [(usize, u64); 3] = [(4, 76), (2, 35), (1, 15)];
+const SEAM_WIDTHS: [(usize, u64); 3] = [(4, 62), (2, 30), (1, 14)];
 
 /// Buffers for reading and writing are this part of the memory, for each thread.
 const BUFFER_PART: u64 = 64;
@@ -64,7 +64,7 @@ impl Plan {
     /// the borders of n blocks, it is a part that falls with the root of n.
     pub fn pass_rounds(&self, blocks: usize, shared_vertices: u64) -> usize {
         let part = (1.0 / blocks.max(1) as f64).sqrt();
-        let fits = |width: u64| (shared_vertices * width) as f64 * part <= 0.5 * self.seam_triangles as f64;
+        let fits = |width: u64| (shared_vertices * width) as f64 * part <= 0.55 * self.seam_triangles as f64;
         SEAM_WIDTHS.into_iter().find(|(_, width)| fits(*width)).map_or(1, |(rounds, _)| rounds).min(self.most_rounds)
     }
 

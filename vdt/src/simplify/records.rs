@@ -115,8 +115,8 @@ impl PieceWriter {
     /// Within so many bytes of RAM while it is written; none of it stays there.
     pub fn new(scratch: &Scratch, name: &str, ram_bytes: usize) -> Self {
         PieceWriter {
-            vertices: SpoolWriter::new(scratch, name, ram_bytes / 2),
-            triangles: SpoolWriter::new(scratch, name, ram_bytes / 2),
+            vertices: SpoolWriter::to_disk(scratch, name, ram_bytes / 2),
+            triangles: SpoolWriter::to_disk(scratch, name, ram_bytes / 2),
         }
     }
 

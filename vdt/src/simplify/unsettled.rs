@@ -25,7 +25,7 @@ pub(super) fn unsettle_seams(mesh: &mut LiveMesh, is_shared: impl Fn(usize) -> b
 
 /// Begins a round of this index in the pass, 1 or more. `is_near` receives, for each vertex, whether it is stale or next to
 /// one that is: what the edges of the round that are not seen here are the ends of.
-pub(super) fn begin_round(mesh: &mut LiveMesh, round_index: usize, is_near: &mut Vec<bool>) {
+pub(super) fn begin_round(mesh: &mut LiveMesh, round_index: u8, is_near: &mut Vec<bool>) {
     mesh.make_stale(round_index);
     is_near.clear();
     is_near.resize(mesh.vertices.len(), false);

@@ -16,8 +16,8 @@
 //!
 //! Everything is streamed, put in place by dense keys or sorted, so nothing takes RAM in proportion to the mesh but the
 //! roots: 24 bytes for each component, on top of `memory` (as the engine's are). Of `memory`, the leaves of the vertices
-//! take a quarter, from the first step to the last; the finished tree takes up to a quarter, and may keep it in RAM; each
-//! step shares the rest ([`Shares`]). What the mesh and the log hold in RAM is theirs, and not counted; each part is
+//! take more than half, from the first step to the last (looked up at random, it is what thrashes first); the finished
+//! tree takes up to an eighth, and may keep it in RAM; each step shares the rest ([`Shares`]). What the mesh and the log hold in RAM is theirs, and not counted; each part is
 //! dropped as soon as it was read. Where everything fits, no disk is touched.
 //!
 //! I/O where nothing fits, in bytes for each triangle of a mesh with two triangles for each vertex:
@@ -173,15 +173,15 @@ const UNNUMBERED: u32 = u32::MAX;
 ///
 /// | share | /16 of memory | held from | to |
 /// |---|---|---|---|
-/// | `leaf_of` | 4 | numbering | sorting of triangles |
+/// | `leaf_of` | 9 | numbering | sorting of triangles |
 /// | `log` | 1 | numbering | |
-/// | `keys` | 4 | numbering | ranking |
-/// | `partial_splits` | 4 | numbering | completing of splits |
-/// | `ranks` | 3 | ranking | completing of splits |
-/// | `moved_positions` | 5 | positions | |
+/// | `keys` | 2 | numbering | ranking |
+/// | `partial_splits` | 3 | numbering | completing of splits |
+/// | `ranks` | 2 | ranking | completing of splits |
+/// | `moved_positions` | 4 | positions | |
 /// | `input` | 1 | positions | sorting of triangles |
-/// | `born_triangles` | 6 | sorting of triangles | writing of triangles |
-/// | the four of the finished tree | 4 | | the end |
+/// | `born_triangles` | 4 | sorting of triangles | writing of triangles |
+/// | the four of the finished tree | 2 | | the end |
 struct Shares {
     leaf_of: usize,
     log: usize,
@@ -202,16 +202,16 @@ impl Shares {
         let memory = usize::try_from(memory.0).unwrap_or(usize::MAX);
         let sixteenth = memory / 16;
         // By their sizes, with two triangles for each leaf: 24, 12, 24 and 4 bytes for a leaf.
-        let of_tree = |bytes: usize| memory / 4 / 64 * bytes;
+        let of_tree = |bytes: usize| memory / 8 / 64 * bytes;
         Shares {
-            leaf_of: 4 * sixteenth,
+            leaf_of: 9 * sixteenth,
             log: sixteenth,
-            keys: 4 * sixteenth,
-            partial_splits: 4 * sixteenth,
-            ranks: 3 * sixteenth,
-            moved_positions: 5 * sixteenth,
+            keys: 2 * sixteenth,
+            partial_splits: 3 * sixteenth,
+            ranks: 2 * sixteenth,
+            moved_positions: 4 * sixteenth,
             input: sixteenth,
-            born_triangles: 6 * sixteenth,
+            born_triangles: 4 * sixteenth,
             splits: of_tree(24),
             positions: of_tree(12),
             triangles: of_tree(24),
