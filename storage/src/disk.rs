@@ -41,6 +41,19 @@ pub enum StorageError {
         /// The folder in question.
         path: PathBuf,
     },
+    /// A sorter did not give back what it got.
+    #[error(
+        "sorting in {} failed: {taken} records were put in, but {delivered} came out; the disk or the program is at fault",
+        path.display()
+    )]
+    Miscounted {
+        /// The folder in question.
+        path: PathBuf,
+        /// Records that were put in.
+        taken: u64,
+        /// Records that came out, until there were no more or too many.
+        delivered: u64,
+    },
     /// A read reached past the end of the file.
     #[error(
         "{} is too short: it has {length} bytes, but {needed} bytes are needed from offset {offset} on; \
@@ -181,6 +194,12 @@ pub trait Disk: Send + Sync + Debug {
 
     /// Whether anything exists under this name.
     fn exists(&self, path: &Path) -> bool;
+
+    /// Whether its files are those of the machine's file system, under the same names: then code of others that does its
+    /// own I/O can be given a folder of it.
+    fn is_file_system(&self) -> bool {
+        false
+    }
 }
 
 /// The machine's own file system.
@@ -409,6 +428,10 @@ impl Disk for LocalDisk {
 
     fn exists(&self, path: &Path) -> bool {
         path.symlink_metadata().is_ok()
+    }
+
+    fn is_file_system(&self) -> bool {
+        true
     }
 }
 

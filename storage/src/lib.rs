@@ -15,6 +15,7 @@
 //! | [`scratch`] | where temporary data goes |
 //! | [`spool`] | sequences of records: in RAM while they are small, in scratch files beyond |
 //! | [`sorter`] | external sorting |
+//! | [`guarded_extsort`] | external sorting by the crate `extsort`, behind guards |
 //! | [`scatter`] | records into the order of dense keys |
 //! | [`paged_array`] | an array on disk, with its pages in use in RAM |
 //! | [`random_file`] | a scratch file that is read and written at any place |
@@ -28,6 +29,7 @@ pub mod counting_disk;
 pub mod disk;
 pub mod edge_tree;
 pub mod faulty_disk;
+pub mod guarded_extsort;
 pub mod memory_disk;
 pub mod paged_array;
 pub mod random_file;
@@ -45,6 +47,7 @@ pub use counting_disk::CountingDisk;
 pub use disk::{Block, Disk, LocalDisk, ReadAt, ScratchFile, StorageError, WriteFile};
 pub use edge_tree::{Edge, EdgeTree, EdgeTreeError, EdgeTreeKind};
 pub use faulty_disk::FaultyDisk;
+pub use guarded_extsort::{GuardedSorted, GuardedSorter};
 pub use memory_disk::MemoryDisk;
 pub use paged_array::PagedArray;
 pub use random_file::Traffic;
