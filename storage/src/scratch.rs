@@ -219,11 +219,6 @@ impl Scratch {
         Ok(())
     }
 
-    /// Bytes in scratch files at present.
-    pub fn bytes_on_disk(&self) -> u64 {
-        self.inner.bytes.load(Ordering::Relaxed)
-    }
-
     /// The most bytes that there ever were in scratch files at once.
     pub fn peak_bytes_on_disk(&self) -> u64 {
         self.inner.peak_bytes.load(Ordering::Relaxed)

@@ -99,9 +99,7 @@ pub enum EdgeTreeError {
     },
     /// sled would need more memory than there is.
     #[error(
-        "with {edges} edges, sled was measured to take {needed} of memory for the edge tree, but it may have {share} of \
-         --memory {memory}; use --edge-tree redb, or --memory {}",
-        advice.as_argument()
+        "with {edges} edges, sled was measured to take {needed} of memory for the edge tree, but it may have {share}"
     )]
     SledMemory {
         /// Edges of the mesh.
@@ -110,10 +108,6 @@ pub enum EdgeTreeError {
         needed: ByteSize,
         /// What it may have.
         share: ByteSize,
-        /// The limit of the whole.
-        memory: ByteSize,
-        /// A limit of the whole that would do.
-        advice: ByteSize,
     },
 }
 
@@ -128,9 +122,6 @@ pub trait EdgeTree: Debug {
 
     /// Puts edges in, best in ascending order.
     fn insert(&mut self, edges: &[Edge]) -> Result<(), EdgeTreeError>;
-
-    /// Deletes an edge. Whether it was there.
-    fn remove(&mut self, edge: Edge) -> Result<bool, EdgeTreeError>;
 
     /// Edges in the tree.
     fn len(&self) -> u64;
@@ -194,28 +185,14 @@ impl EdgeTreeKind {
     ///
     /// # Errors
     ///
-    /// [`EdgeTreeError::SledMemory`] where sled would take more than `ram_bytes`, which are a share of `memory`.
-    pub fn create(
-        self,
-        scratch: &Scratch,
-        edges: u64,
-        ram_bytes: u64,
-        memory: ByteSize,
-    ) -> Result<Box<dyn EdgeTree>, EdgeTreeError> {
+    /// [`EdgeTreeError::SledMemory`] where sled would take more than `ram_bytes`.
+    pub fn create(self, scratch: &Scratch, edges: u64, ram_bytes: u64) -> Result<Box<dyn EdgeTree>, EdgeTreeError> {
         match self {
             EdgeTreeKind::Redb => Ok(Box::new(RedbTree::create(scratch, ram_bytes)?)),
             EdgeTreeKind::Sled => {
                 let needed = sled_needs(edges);
                 if needed.0 > ram_bytes {
-                    let advice = (needed.0 as f64 * memory.0 as f64 / ram_bytes.max(1) as f64) as u64;
-                    let advice = ByteSize(advice.next_multiple_of(1 << 20));
-                    return Err(EdgeTreeError::SledMemory {
-                        edges,
-                        needed,
-                        share: ByteSize(ram_bytes),
-                        memory,
-                        advice,
-                    });
+                    return Err(EdgeTreeError::SledMemory { edges, needed, share: ByteSize(ram_bytes) });
                 }
                 Ok(Box::new(SledTree::create(scratch)?))
             }

@@ -189,15 +189,6 @@ impl EdgeTree for RedbTree {
         Ok(())
     }
 
-    fn remove(&mut self, edge: Edge) -> Result<bool, EdgeTreeError> {
-        let removed = self.with_table(|table| {
-            let was_there = table.remove(&edge.to_bytes())?.is_some();
-            Ok((was_there, u64::from(was_there)))
-        })?;
-        self.length -= u64::from(removed);
-        Ok(removed)
-    }
-
     fn len(&self) -> u64 {
         self.length
     }

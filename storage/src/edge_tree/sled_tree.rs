@@ -144,12 +144,6 @@ impl EdgeTree for SledTree {
         Ok(())
     }
 
-    fn remove(&mut self, edge: Edge) -> Result<bool, EdgeTreeError> {
-        let removed = self.counted(|database| Ok(database.remove(edge.to_bytes())?.is_some()))?;
-        self.length -= u64::from(removed);
-        Ok(removed)
-    }
-
     fn len(&self) -> u64 {
         self.length
     }
