@@ -61,7 +61,7 @@ fn measure(kind: EdgeTreeKind, edges: u64, cache: u64, folder: &Path) -> Result<
             inserted += 1;
         }
         larger.sort_unstable();
-        tree.insert(&larger)?;
+        tree.change(&[], &larger)?;
     }
     let seconds = (usage::cpu_time() - start).as_secs_f64();
     let peak = usage::peak_resident_bytes().unwrap_or_default() - before;

@@ -120,8 +120,9 @@ pub trait EdgeTree: Debug {
     /// first one that is not taken stays.
     fn delete_smallest(&mut self, is_taken: &mut dyn FnMut(Edge) -> bool) -> Result<(), EdgeTreeError>;
 
-    /// Puts edges in, best in ascending order.
-    fn insert(&mut self, edges: &[Edge]) -> Result<(), EdgeTreeError>;
+    /// Deletes edges and puts others in, all in one go through the tree where both are in ascending order. Edges to delete
+    /// that are not there are passed over; returns how many were there. No edge is among both.
+    fn change(&mut self, deleted: &[Edge], inserted: &[Edge]) -> Result<u64, EdgeTreeError>;
 
     /// Edges in the tree.
     fn len(&self) -> u64;
@@ -133,6 +134,22 @@ pub trait EdgeTree: Debug {
 
     /// What passed between RAM and the tree's files so far.
     fn traffic(&self) -> Traffic;
+}
+
+/// A change of a tree, edge by edge.
+enum Change {
+    Delete(Edge),
+    Insert(Edge),
+}
+
+/// Both lists as one, in ascending order where they are.
+fn in_turn<'a>(deleted: &'a [Edge], inserted: &'a [Edge]) -> impl Iterator<Item = Change> + 'a {
+    let (mut deleted, mut inserted) = (deleted.iter().copied().peekable(), inserted.iter().copied().peekable());
+    std::iter::from_fn(move || match (deleted.peek(), inserted.peek()) {
+        (Some(first), Some(second)) if first < second => deleted.next().map(Change::Delete),
+        (Some(_), None) => deleted.next().map(Change::Delete),
+        _ => inserted.next().map(Change::Insert),
+    })
 }
 
 /// The B-trees there are.

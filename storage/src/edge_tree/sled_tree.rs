@@ -10,7 +10,7 @@ use crate::disk::StorageError;
 use crate::random_file::Traffic;
 use crate::scratch::{ForeignFolder, Scratch};
 
-use super::{Edge, EdgeTree, EdgeTreeError};
+use super::{Change, Edge, EdgeTree, EdgeTreeError, in_turn};
 
 /// Memory that sled takes for a tree of at first so many edges.
 ///
@@ -91,7 +91,7 @@ impl EdgeTree for SledTree {
             if edges.is_empty() {
                 return Ok(());
             }
-            self.insert(&edges)?;
+            self.change(&[], &edges)?;
             edges.clear();
         }
     }
@@ -133,15 +133,19 @@ impl EdgeTree for SledTree {
         }
     }
 
-    fn insert(&mut self, edges: &[Edge]) -> Result<(), EdgeTreeError> {
-        self.length += self.counted(|database| {
-            let mut inserted = 0;
-            for edge in edges {
-                inserted += u64::from(database.insert(edge.to_bytes(), &[])?.is_none());
+    fn change(&mut self, deleted: &[Edge], inserted: &[Edge]) -> Result<u64, EdgeTreeError> {
+        let [deleted, inserted] = self.counted(|database| {
+            let mut counts = [0, 0];
+            for change in in_turn(deleted, inserted) {
+                match change {
+                    Change::Delete(edge) => counts[0] += u64::from(database.remove(edge.to_bytes())?.is_some()),
+                    Change::Insert(edge) => counts[1] += u64::from(database.insert(edge.to_bytes(), &[])?.is_none()),
+                }
             }
-            Ok(inserted)
+            Ok(counts)
         })?;
-        Ok(())
+        self.length = self.length + inserted - deleted;
+        Ok(deleted)
     }
 
     fn len(&self) -> u64 {

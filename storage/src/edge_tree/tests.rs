@@ -22,14 +22,22 @@ fn edge() -> impl Strategy<Value = Edge> {
 
 #[derive(Debug, Clone)]
 enum Step {
-    Insert(Vec<Edge>),
-    Delete { most: usize },
+    /// Edges, and how many that are there are passed over for each that is deleted.
+    Change {
+        inserted: Vec<Edge>,
+        absent: Vec<Edge>,
+        every: usize,
+    },
+    DeleteSmallest {
+        most: usize,
+    },
 }
 
 fn step() -> impl Strategy<Value = Step> {
     prop_oneof![
-        prop::collection::vec(edge(), 0..200).prop_map(Step::Insert),
-        (0..150_usize).prop_map(|most| Step::Delete { most }),
+        (prop::collection::vec(edge(), 0..200), prop::collection::vec(edge(), 0..20), 1..100_usize)
+            .prop_map(|(inserted, absent, every)| Step::Change { inserted, absent, every }),
+        (0..150_usize).prop_map(|most| Step::DeleteSmallest { most }),
     ]
 }
 
@@ -57,11 +65,17 @@ proptest! {
             tree.bulk_load(&mut || Ok(sorted.next())).unwrap();
             for step in &steps {
                 match step {
-                    Step::Insert(edges) => {
-                        tree.insert(edges).unwrap();
-                        expected.extend(edges);
+                    Step::Change { inserted, absent, every } => {
+                        let mut inserted: BTreeSet<Edge> = inserted.iter().copied().collect();
+                        let deleted: BTreeSet<Edge> = expected.iter().step_by(*every).chain(absent).copied().collect();
+                        inserted.retain(|edge| !deleted.contains(edge));
+                        let were_there = expected.intersection(&deleted).count() as u64;
+                        expected.retain(|edge| !deleted.contains(edge));
+                        expected.extend(&inserted);
+                        let [deleted, inserted] = [deleted, inserted].map(|edges| edges.into_iter().collect::<Vec<_>>());
+                        prop_assert_eq!(tree.change(&deleted, &inserted).unwrap(), were_there);
                     }
-                    Step::Delete { most } => {
+                    Step::DeleteSmallest { most } => {
                         let mut seen = Vec::new();
                         tree.delete_smallest(&mut |edge| {
                             seen.push(edge);
@@ -103,7 +117,7 @@ fn a_disk_that_fails_is_an_error_that_names_the_file_and_leaves_nothing() {
         let edges: Vec<Edge> = many(200_000).collect();
         let error = EdgeTreeKind::Redb
             .create(&scratch(disk.clone(), Path::new("")), 0, 64 << 10)
-            .and_then(|mut tree| edges.chunks(5000).try_for_each(|edges| tree.insert(edges)))
+            .and_then(|mut tree| edges.chunks(5000).try_for_each(|edges| tree.change(&[], edges).map(|_| ())))
             .unwrap_err();
         assert!(error.to_string().contains("edges-redb"), "{error}");
         assert!(matches!(error, EdgeTreeError::Storage(_)), "{error:?}");
@@ -111,7 +125,7 @@ fn a_disk_that_fails_is_an_error_that_names_the_file_and_leaves_nothing() {
     }
     let disk = FaultyDisk::new(Arc::new(memory.clone()));
     let mut tree = EdgeTreeKind::Redb.create(&scratch(disk.clone(), Path::new("")), 0, 64 << 10).unwrap();
-    tree.insert(&many(100_000).collect::<Vec<_>>()).unwrap();
+    tree.change(&[], &many(100_000).collect::<Vec<_>>()).unwrap();
     disk.fail_reads_after(3);
     let error = tree.delete_smallest(&mut |_| true).unwrap_err();
     assert!(error.to_string().contains("injected"), "{error}");
@@ -121,7 +135,7 @@ fn a_disk_that_fails_is_an_error_that_names_the_file_and_leaves_nothing() {
 fn bytes_are_counted_where_the_cache_is_too_small() {
     let disk = crate::CountingDisk::new(Arc::new(MemoryDisk::new()));
     let mut tree = EdgeTreeKind::Redb.create(&scratch(disk.clone(), Path::new("")), 0, 64 << 10).unwrap();
-    tree.insert(&many(50_000).collect::<Vec<_>>()).unwrap();
+    tree.change(&[], &many(50_000).collect::<Vec<_>>()).unwrap();
     let Traffic { read, written } = tree.traffic();
     assert_eq!((read, written), (disk.bytes_read(), disk.bytes_written()));
     assert!(read > 1 << 20 && written > 1 << 20, "{read} {written}");

@@ -368,7 +368,7 @@ fn check_loads<M: CollapseMetric>(task: &Task<'_, M>) {
         loads.collapse(limit).unwrap();
         // Stars that grow move to where there is room.
         assert!(loads.loaded.bytes() <= enough + enough / 8);
-        loads.put_back(&journal).unwrap();
+        loads.put_back(limit, &journal).unwrap();
         check_store(&mut loads.store);
     }
 }
