@@ -17,7 +17,7 @@ use super::{Change, Edge, EdgeTree, EdgeTreeError, in_turn};
 /// With a cache of 2 MiB it was measured to take 35 MB with 0.3 million edges, 72 MB with 1 million, and 171 MB and slowly
 /// rising with 3 million when it was stopped after 15 minutes (sled 0.34.7, `examples/edge_tree_memory.rs`; with a cache
 /// of 16 MiB, 67, 143 and 246 MB; with 10 million more than 548 MB, `facts/storage.md`). What is asked for is half as much
-/// again and more, for trees that grow: on two scans the tree had at most 1.35 times as many edges as in the beginning.
+/// again and more, for trees that grow: on a scan the tree had at most 1.07 times as many edges as in the beginning.
 pub fn needs(edges: u64) -> ByteSize {
     ByteSize((32 << 20) + edges.saturating_mul(96))
 }
