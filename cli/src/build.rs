@@ -215,6 +215,8 @@ impl Done {
                 "sub_meshes": spanned.sub_meshes,
                 "sub_mesh_triangles": spanned.sub_mesh_triangles,
                 "largest_sub_mesh_triangles": spanned.largest_sub_mesh,
+                "edges_void": spanned.void_edges,
+                "edges_removed": spanned.removed_edges,
                 "edges_inserted": spanned.inserted_edges,
                 "edges_at_most": spanned.largest_tree,
             })),

@@ -8,7 +8,7 @@ use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
-use vdt_storage::{ByteSize, Edge, EdgeTreeKind, LocalDisk, Scratch, usage};
+use vdt_storage::{Edge, EdgeTreeKind, LocalDisk, Scratch, usage};
 
 /// A number that looks random.
 fn mix(number: u64) -> u64 {
@@ -33,7 +33,7 @@ fn measure(kind: EdgeTreeKind, edges: u64, cache: u64, folder: &Path) -> Result<
     let (scratch, _) = Scratch::open(Arc::new(LocalDisk), folder, "")?;
     // sled is told of memory without end: what is enough is to be found out.
     let share = if kind == EdgeTreeKind::Sled { u64::MAX } else { cache };
-    let mut tree = kind.create(&scratch, 0, share, ByteSize(u64::MAX))?;
+    let mut tree = kind.create(&scratch, 0, share)?;
     let mut next = 0;
     tree.bulk_load(&mut || {
         next += 1;
@@ -61,7 +61,7 @@ fn measure(kind: EdgeTreeKind, edges: u64, cache: u64, folder: &Path) -> Result<
             inserted += 1;
         }
         larger.sort_unstable();
-        tree.insert(&larger)?;
+        tree.change(&[], &larger)?;
     }
     let seconds = (usage::cpu_time() - start).as_secs_f64();
     let peak = usage::peak_resident_bytes().unwrap_or_default() - before;

@@ -165,6 +165,10 @@ impl Disk for CountingDisk {
     fn exists(&self, path: &Path) -> bool {
         self.inner.exists(path)
     }
+
+    fn is_file_system(&self) -> bool {
+        self.inner.is_file_system()
+    }
 }
 
 #[cfg(test)]

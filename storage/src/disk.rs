@@ -41,6 +41,19 @@ pub enum StorageError {
         /// The folder in question.
         path: PathBuf,
     },
+    /// A sorter did not give back what it got.
+    #[error(
+        "sorting in {} failed: {taken} records were put in, but {delivered} came out; the disk or the program is at fault",
+        path.display()
+    )]
+    Miscounted {
+        /// The folder in question.
+        path: PathBuf,
+        /// Records that were put in.
+        taken: u64,
+        /// Records that came out, until there were no more or too many.
+        delivered: u64,
+    },
     /// A read reached past the end of the file.
     #[error(
         "{} is too short: it has {length} bytes, but {needed} bytes are needed from offset {offset} on; \
@@ -74,29 +87,6 @@ pub enum StorageError {
         path: PathBuf,
         /// What is wrong with it.
         what: String,
-    },
-    /// A sort has more records than it can merge within its memory and open files.
-    #[error(
-        "cannot sort more than {most} records in {} within {ram_bytes} bytes of memory: give it more memory",
-        path.display()
-    )]
-    SortTooLarge {
-        /// The folder of its files.
-        path: PathBuf,
-        /// The most records that fit.
-        most: u64,
-        /// The bytes that it was given.
-        ram_bytes: usize,
-    },
-    /// A sort handed out fewer or more records than it had taken.
-    #[error("the sort in {} took {taken} records but hands out {delivered}: its files are altered", path.display())]
-    SortIncomplete {
-        /// The folder of its files.
-        path: PathBuf,
-        /// Records that it took.
-        taken: u64,
-        /// Records that it handed out; one more than it took where it has too many.
-        delivered: u64,
     },
 }
 
@@ -231,6 +221,12 @@ pub trait Disk: Send + Sync + Debug {
 
     /// Whether anything exists under this name.
     fn exists(&self, path: &Path) -> bool;
+
+    /// Whether its files are those of the machine's file system, under the same names: then code of others that does its
+    /// own I/O can be given a folder of it.
+    fn is_file_system(&self) -> bool {
+        false
+    }
 }
 
 /// The machine's own file system.
@@ -500,6 +496,10 @@ impl Disk for LocalDisk {
 
     fn exists(&self, path: &Path) -> bool {
         path.symlink_metadata().is_ok()
+    }
+
+    fn is_file_system(&self) -> bool {
+        true
     }
 }
 

@@ -16,7 +16,7 @@
 //! | [`scratch`] | where temporary data goes |
 //! | [`spool`] | sequences of records: in RAM while they are small, in scratch files beyond |
 //! | [`sorter`] | external sorting |
-//! | [`guarded_extsort`] | external sorting by the crate extsort, with guards around what it gets wrong |
+//! | [`guarded_extsort`] | external sorting by the crate `extsort`, behind guards |
 //! | [`scatter`] | records into the order of dense keys |
 //! | [`paged_array`] | an array on disk, with its pages in use in RAM |
 //! | [`random_file`] | a scratch file that is read and written at any place |
@@ -53,7 +53,7 @@ pub use counting_disk::CountingDisk;
 pub use disk::{Block, Disk, LocalDisk, ReadAt, ScratchFile, StorageError, WriteFile};
 pub use edge_tree::{Edge, EdgeTree, EdgeTreeError, EdgeTreeKind};
 pub use faulty_disk::FaultyDisk;
-pub use guarded_extsort::{ExtsortSorted, ExtsortSorter};
+pub use guarded_extsort::{GuardedSorted, GuardedSorter};
 pub use memory_disk::MemoryDisk;
 pub use paged_array::PagedArray;
 pub use random_file::Traffic;

@@ -169,6 +169,11 @@ impl Scratch {
         self.inner.place.is_some()
     }
 
+    /// Whether its folder is one of the machine's file system.
+    pub(crate) fn is_on_file_system(&self) -> bool {
+        self.inner.place.as_ref().is_some_and(|place| place.disk.is_file_system())
+    }
+
     fn place(&self, name: &str) -> Result<&Place, StorageError> {
         self.inner.place.as_ref().ok_or_else(|| {
             let error = std::io::Error::from(ErrorKind::Unsupported);
@@ -198,7 +203,7 @@ impl Scratch {
         let number = self.inner.next_number.fetch_add(1, Ordering::Relaxed);
         let path = place.folder.join(format!("{number:06}-{name}"));
         std::fs::create_dir(&path).map_err(|error| StorageError::io(&path, "create", error))?;
-        Ok(ForeignFolder { path, _scratch: self.clone() })
+        Ok(ForeignFolder { path, bytes: AtomicU64::new(0), scratch: self.clone() })
     }
 
     /// A file of the checkpoint.
@@ -243,11 +248,6 @@ impl Scratch {
             }
         }
         Ok(())
-    }
-
-    /// Bytes in scratch files at present.
-    pub fn bytes_on_disk(&self) -> u64 {
-        self.inner.bytes.load(Ordering::Relaxed)
     }
 
     /// The most bytes that there ever were in scratch files at once.
@@ -395,8 +395,10 @@ fn is_ours(name: &str) -> bool {
 #[derive(Debug)]
 pub(crate) struct ForeignFolder {
     path: PathBuf,
+    /// Bytes in it, as far as they were told.
+    bytes: AtomicU64,
     /// Its folder goes after this one.
-    _scratch: Scratch,
+    scratch: Scratch,
 }
 
 impl ForeignFolder {
@@ -404,10 +406,17 @@ impl ForeignFolder {
     pub fn path(&self) -> &Path {
         &self.path
     }
+
+    /// Counts so many bytes more among those of the scratch.
+    pub fn grow(&self, bytes: u64) {
+        self.bytes.fetch_add(bytes, Ordering::Relaxed);
+        self.scratch.inner.grow(bytes);
+    }
 }
 
 impl Drop for ForeignFolder {
     fn drop(&mut self) {
+        self.scratch.inner.bytes.fetch_sub(self.bytes.load(Ordering::Relaxed), Ordering::Relaxed);
         // There is nobody to tell; whoever opens the folder next removes it.
         let _ = std::fs::remove_dir_all(&self.path);
     }

@@ -75,6 +75,14 @@ impl<T: SortRecord> Sorter<T> {
         }
     }
 
+    /// A sorter of what others have sorted: runs, which must be in order.
+    pub(crate) fn of_runs(scratch: &Scratch, name: &str, ram_bytes: usize, runs: Vec<Spool<T>>) -> Self {
+        let mut sorter = Sorter::new(scratch, name, ram_bytes, 1);
+        sorter.length = runs.iter().map(Spool::len).sum();
+        sorter.runs = runs;
+        sorter
+    }
+
     /// Takes a record.
     #[inline]
     pub fn push(&mut self, record: T) -> Result<(), StorageError> {

@@ -65,17 +65,36 @@ fn the_order_of_the_input_does_not_change_a_byte() {
     assert_eq!(shuffled["model_sha256"], expected["model_sha256"]);
 }
 
+/// Through the B-tree on disk with the least memory there is, the collapses are those of the queue in memory.
 #[test]
 fn the_paper_s_order_does_not_depend_on_memory_either() {
     let place = workplace!();
-    place.json("generate terrain --triangles 30000 --seed 7 -o mesh.ply");
+    place.json("generate terrain --triangles 60000 --seed 7 -o mesh.ply");
     let in_core = build(&place, "--strategy btree --memory 1G");
-    let external = build(&place, "--strategy btree --memory 5M");
+    assert!(in_core["spanned"].is_null() && in_core["scratch_peak_bytes"] == 0, "{in_core}");
+    let dry = place.json("build mesh.ply --dry-run --strategy btree");
+    let least = dry["memory_needed_bytes"].as_u64().unwrap();
+    let external = build(&place, &format!("--strategy btree --edge-tree redb --memory {least}"));
     assert_eq!(external["model_sha256"], in_core["model_sha256"]);
-    assert!(external["spanned"]["loads"].as_u64().unwrap() > 1, "{external}");
-    let message =
-        place.refuses(1, "build mesh.ply -o other.vdt --strategy btree --edge-tree sled --memory 5M", &["sled"]);
-    assert!(message.contains("--memory"), "{message}");
+    let spanned = |figure: &str| external["spanned"][figure].as_u64().unwrap();
+    assert!(spanned("loads") > 3 && spanned("tree_bytes_read") > 1 << 20, "{external}");
+    assert_eq!(place.names().len(), 2, "{:?}", place.names());
+}
+
+/// sled is refused where it would not keep to the memory, and what is advised then is accepted.
+#[test]
+fn the_memory_that_is_advised_for_sled_is_enough() {
+    let place = workplace!();
+    place.json("generate terrain --triangles 60000 --seed 7 -o mesh.ply");
+    let sled = "--strategy btree --edge-tree sled";
+    let message = place.refuses(1, &format!("build mesh.ply -o model.vdt {sled} --memory 6M"), &["sled"]);
+    let advice = message.split("--memory ").nth(1).unwrap().trim();
+    let dry = place.json(&format!("build mesh.ply --dry-run {sled} --memory 6M"));
+    let needed = dry["memory_needed_bytes"].as_u64().unwrap();
+    assert_eq!((&dry["fits"], format!("{}M", needed >> 20)), (&Value::from(false), advice.to_owned()));
+    let found = build(&place, &format!("{sled} --memory {advice}"));
+    let expected = build(&place, "--strategy btree --memory 1G");
+    assert_eq!(found["model_sha256"], expected["model_sha256"]);
 }
 
 /// A build that is killed after a phase was finished goes on from there when it is run again; with other options it

@@ -163,7 +163,12 @@ pub fn estimate(counts: FileCounts, options: &BuildOptions) -> Estimate {
     let memory = options.memory.0;
     let in_core = counts.triangles * CORE_BYTES;
     let is_external = in_core > memory;
-    let simplify = simplify::smallest_memory(counts.triangles, options.threads).0;
+    let simplify = match (options.strategy, options.edge_tree) {
+        (Strategy::Btree, EdgeTreeKind::Sled) => {
+            simplify::smallest_memory_with_sled(counts.vertices, counts.triangles).0
+        }
+        _ => simplify::smallest_memory(counts.triangles, options.threads).0,
+    };
     let reading = ingest::smallest_memory(counts, simplify::block_triangles(options.memory, options.threads)).0;
     Estimate {
         peak_bytes: PROGRAM_BYTES + in_core.min(memory),

@@ -99,9 +99,7 @@ pub enum EdgeTreeError {
     },
     /// sled would need more memory than there is.
     #[error(
-        "with {edges} edges, sled was measured to take {needed} of memory for the edge tree, but it may have {share} of \
-         --memory {memory}; use --edge-tree redb, or --memory {}",
-        advice.as_argument()
+        "with {edges} edges, sled was measured to take {needed} of memory for the edge tree, but it may have {share}"
     )]
     SledMemory {
         /// Edges of the mesh.
@@ -110,10 +108,6 @@ pub enum EdgeTreeError {
         needed: ByteSize,
         /// What it may have.
         share: ByteSize,
-        /// The limit of the whole.
-        memory: ByteSize,
-        /// A limit of the whole that would do.
-        advice: ByteSize,
     },
 }
 
@@ -126,11 +120,9 @@ pub trait EdgeTree: Debug {
     /// first one that is not taken stays.
     fn delete_smallest(&mut self, is_taken: &mut dyn FnMut(Edge) -> bool) -> Result<(), EdgeTreeError>;
 
-    /// Puts edges in, best in ascending order.
-    fn insert(&mut self, edges: &[Edge]) -> Result<(), EdgeTreeError>;
-
-    /// Deletes an edge. Whether it was there.
-    fn remove(&mut self, edge: Edge) -> Result<bool, EdgeTreeError>;
+    /// Deletes edges and puts others in, all in one go through the tree where both are in ascending order. Edges to delete
+    /// that are not there are passed over; returns how many were there. No edge is among both.
+    fn change(&mut self, deleted: &[Edge], inserted: &[Edge]) -> Result<u64, EdgeTreeError>;
 
     /// Edges in the tree.
     fn len(&self) -> u64;
@@ -142,6 +134,22 @@ pub trait EdgeTree: Debug {
 
     /// What passed between RAM and the tree's files so far.
     fn traffic(&self) -> Traffic;
+}
+
+/// A change of a tree, edge by edge.
+enum Change {
+    Delete(Edge),
+    Insert(Edge),
+}
+
+/// Both lists as one, in ascending order where they are.
+fn in_turn<'a>(deleted: &'a [Edge], inserted: &'a [Edge]) -> impl Iterator<Item = Change> + 'a {
+    let (mut deleted, mut inserted) = (deleted.iter().copied().peekable(), inserted.iter().copied().peekable());
+    std::iter::from_fn(move || match (deleted.peek(), inserted.peek()) {
+        (Some(first), Some(second)) if first < second => deleted.next().map(Change::Delete),
+        (Some(_), None) => deleted.next().map(Change::Delete),
+        _ => inserted.next().map(Change::Insert),
+    })
 }
 
 /// The B-trees there are.
@@ -194,28 +202,14 @@ impl EdgeTreeKind {
     ///
     /// # Errors
     ///
-    /// [`EdgeTreeError::SledMemory`] where sled would take more than `ram_bytes`, which are a share of `memory`.
-    pub fn create(
-        self,
-        scratch: &Scratch,
-        edges: u64,
-        ram_bytes: u64,
-        memory: ByteSize,
-    ) -> Result<Box<dyn EdgeTree>, EdgeTreeError> {
+    /// [`EdgeTreeError::SledMemory`] where sled would take more than `ram_bytes`.
+    pub fn create(self, scratch: &Scratch, edges: u64, ram_bytes: u64) -> Result<Box<dyn EdgeTree>, EdgeTreeError> {
         match self {
             EdgeTreeKind::Redb => Ok(Box::new(RedbTree::create(scratch, ram_bytes)?)),
             EdgeTreeKind::Sled => {
                 let needed = sled_needs(edges);
                 if needed.0 > ram_bytes {
-                    let advice = (needed.0 as f64 * memory.0 as f64 / ram_bytes.max(1) as f64) as u64;
-                    let advice = ByteSize(advice.next_multiple_of(1 << 20));
-                    return Err(EdgeTreeError::SledMemory {
-                        edges,
-                        needed,
-                        share: ByteSize(ram_bytes),
-                        memory,
-                        advice,
-                    });
+                    return Err(EdgeTreeError::SledMemory { edges, needed, share: ByteSize(ram_bytes) });
                 }
                 Ok(Box::new(SledTree::create(scratch)?))
             }

@@ -18,7 +18,7 @@ use crate::disk::StorageError;
 use crate::random_file::{RandomFile, Traffic};
 use crate::scratch::Scratch;
 
-use super::{Edge, EdgeTree, EdgeTreeError};
+use super::{Change, Edge, EdgeTree, EdgeTreeError, in_turn};
 
 type Table<'a> = redb::Table<'a, &'static [u8; 16], ()>;
 
@@ -153,7 +153,7 @@ impl EdgeTree for RedbTree {
             if edges.is_empty() {
                 return Ok(());
             }
-            self.insert(&edges)?;
+            self.change(&[], &edges)?;
             edges.clear();
         }
     }
@@ -177,25 +177,19 @@ impl EdgeTree for RedbTree {
         Ok(())
     }
 
-    fn insert(&mut self, edges: &[Edge]) -> Result<(), EdgeTreeError> {
-        let inserted = self.with_table(|table| {
-            let mut inserted = 0;
-            for edge in edges {
-                inserted += u64::from(table.insert(&edge.to_bytes(), ())?.is_none());
+    fn change(&mut self, deleted: &[Edge], inserted: &[Edge]) -> Result<u64, EdgeTreeError> {
+        let [deleted, inserted] = self.with_table(|table| {
+            let mut counts = [0, 0];
+            for change in in_turn(deleted, inserted) {
+                match change {
+                    Change::Delete(edge) => counts[0] += u64::from(table.remove(&edge.to_bytes())?.is_some()),
+                    Change::Insert(edge) => counts[1] += u64::from(table.insert(&edge.to_bytes(), ())?.is_none()),
+                }
             }
-            Ok((inserted, inserted))
+            Ok((counts, counts[0] + counts[1]))
         })?;
-        self.length += inserted;
-        Ok(())
-    }
-
-    fn remove(&mut self, edge: Edge) -> Result<bool, EdgeTreeError> {
-        let removed = self.with_table(|table| {
-            let was_there = table.remove(&edge.to_bytes())?.is_some();
-            Ok((was_there, u64::from(was_there)))
-        })?;
-        self.length -= u64::from(removed);
-        Ok(removed)
+        self.length = self.length + inserted - deleted;
+        Ok(deleted)
     }
 
     fn len(&self) -> u64 {

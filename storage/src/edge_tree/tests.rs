@@ -22,16 +22,22 @@ fn edge() -> impl Strategy<Value = Edge> {
 
 #[derive(Debug, Clone)]
 enum Step {
-    Insert(Vec<Edge>),
-    Delete { most: usize },
-    Remove(Edge),
+    /// Edges, and how many that are there are passed over for each that is deleted.
+    Change {
+        inserted: Vec<Edge>,
+        absent: Vec<Edge>,
+        every: usize,
+    },
+    DeleteSmallest {
+        most: usize,
+    },
 }
 
 fn step() -> impl Strategy<Value = Step> {
     prop_oneof![
-        3 => prop::collection::vec(edge(), 0..200).prop_map(Step::Insert),
-        3 => (0..150_usize).prop_map(|most| Step::Delete { most }),
-        1 => edge().prop_map(Step::Remove),
+        (prop::collection::vec(edge(), 0..200), prop::collection::vec(edge(), 0..20), 1..100_usize)
+            .prop_map(|(inserted, absent, every)| Step::Change { inserted, absent, every }),
+        (0..150_usize).prop_map(|most| Step::DeleteSmallest { most }),
     ]
 }
 
@@ -53,17 +59,23 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         for kind in EdgeTreeKind::ALL {
             let scratch = scratch(LocalDisk, folder.path());
-            let mut tree = kind.create(&scratch, 3000, ENOUGH, ByteSize(ENOUGH)).unwrap();
+            let mut tree = kind.create(&scratch, 3000, ENOUGH).unwrap();
             let mut expected: BTreeSet<Edge> = initial.clone();
             let mut sorted = initial.iter().copied();
             tree.bulk_load(&mut || Ok(sorted.next())).unwrap();
             for step in &steps {
                 match step {
-                    Step::Insert(edges) => {
-                        tree.insert(edges).unwrap();
-                        expected.extend(edges);
+                    Step::Change { inserted, absent, every } => {
+                        let mut inserted: BTreeSet<Edge> = inserted.iter().copied().collect();
+                        let deleted: BTreeSet<Edge> = expected.iter().step_by(*every).chain(absent).copied().collect();
+                        inserted.retain(|edge| !deleted.contains(edge));
+                        let were_there = expected.intersection(&deleted).count() as u64;
+                        expected.retain(|edge| !deleted.contains(edge));
+                        expected.extend(&inserted);
+                        let [deleted, inserted] = [deleted, inserted].map(|edges| edges.into_iter().collect::<Vec<_>>());
+                        prop_assert_eq!(tree.change(&deleted, &inserted).unwrap(), were_there);
                     }
-                    Step::Delete { most } => {
+                    Step::DeleteSmallest { most } => {
                         let mut seen = Vec::new();
                         tree.delete_smallest(&mut |edge| {
                             seen.push(edge);
@@ -75,11 +87,6 @@ proptest! {
                         for edge in smallest.iter().take(*most) {
                             expected.remove(edge);
                         }
-                    }
-                    // One that is there, if there is one, every other time.
-                    Step::Remove(edge) => {
-                        let edge = expected.range(edge..).next().copied().filter(|_| edge.tie == 0).unwrap_or(*edge);
-                        prop_assert_eq!(tree.remove(edge).unwrap(), expected.remove(&edge));
                     }
                 }
                 prop_assert_eq!(tree.len(), expected.len() as u64);
@@ -109,17 +116,16 @@ fn a_disk_that_fails_is_an_error_that_names_the_file_and_leaves_nothing() {
         disk.full_after(full);
         let edges: Vec<Edge> = many(200_000).collect();
         let error = EdgeTreeKind::Redb
-            .create(&scratch(disk.clone(), Path::new("")), 0, 64 << 10, ByteSize(1 << 20))
-            .and_then(|mut tree| edges.chunks(5000).try_for_each(|edges| tree.insert(edges)))
+            .create(&scratch(disk.clone(), Path::new("")), 0, 64 << 10)
+            .and_then(|mut tree| edges.chunks(5000).try_for_each(|edges| tree.change(&[], edges).map(|_| ())))
             .unwrap_err();
         assert!(error.to_string().contains("edges-redb"), "{error}");
         assert!(matches!(error, EdgeTreeError::Storage(_)), "{error:?}");
         assert_eq!(memory.paths(), [] as [PathBuf; 0]);
     }
     let disk = FaultyDisk::new(Arc::new(memory.clone()));
-    let mut tree =
-        EdgeTreeKind::Redb.create(&scratch(disk.clone(), Path::new("")), 0, 64 << 10, ByteSize(1 << 20)).unwrap();
-    tree.insert(&many(100_000).collect::<Vec<_>>()).unwrap();
+    let mut tree = EdgeTreeKind::Redb.create(&scratch(disk.clone(), Path::new("")), 0, 64 << 10).unwrap();
+    tree.change(&[], &many(100_000).collect::<Vec<_>>()).unwrap();
     disk.fail_reads_after(3);
     let error = tree.delete_smallest(&mut |_| true).unwrap_err();
     assert!(error.to_string().contains("injected"), "{error}");
@@ -128,28 +134,21 @@ fn a_disk_that_fails_is_an_error_that_names_the_file_and_leaves_nothing() {
 #[test]
 fn bytes_are_counted_where_the_cache_is_too_small() {
     let disk = crate::CountingDisk::new(Arc::new(MemoryDisk::new()));
-    let mut tree =
-        EdgeTreeKind::Redb.create(&scratch(disk.clone(), Path::new("")), 0, 64 << 10, ByteSize(1 << 20)).unwrap();
-    tree.insert(&many(50_000).collect::<Vec<_>>()).unwrap();
+    let mut tree = EdgeTreeKind::Redb.create(&scratch(disk.clone(), Path::new("")), 0, 64 << 10).unwrap();
+    tree.change(&[], &many(50_000).collect::<Vec<_>>()).unwrap();
     let Traffic { read, written } = tree.traffic();
     assert_eq!((read, written), (disk.bytes_read(), disk.bytes_written()));
     assert!(read > 1 << 20 && written > 1 << 20, "{read} {written}");
 }
 
 #[test]
-fn sled_is_refused_where_it_would_break_the_limit_with_the_figures_and_what_to_do() {
+fn sled_is_refused_where_it_would_break_the_limit_with_the_figures() {
     let folder = tempfile::tempdir().unwrap();
     let edges = 3_000_000;
-    let share = sled_needs(edges).0 - 1;
+    let needed = sled_needs(edges).0;
     let scratch = scratch(LocalDisk, folder.path());
-    let create = |share, memory| EdgeTreeKind::Sled.create(&scratch, edges, share, memory);
-    let error = create(share, ByteSize(4 * share)).unwrap_err();
-    let EdgeTreeError::SledMemory { advice, .. } = &error else { panic!("{error}") };
-    let advice = *advice;
-    let message = error.to_string();
-    assert!(message.contains("3000000 edges") && message.contains("--edge-tree redb"), "{message}");
-    assert!(message.contains(&advice.as_argument()), "{message}");
+    let message = EdgeTreeKind::Sled.create(&scratch, edges, needed - 1).unwrap_err().to_string();
+    assert!(message.contains("3000000 edges") && message.contains(&sled_needs(edges).to_string()), "{message}");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
-    // What it advises is enough.
-    create(advice.0 / 4, advice).unwrap();
+    EdgeTreeKind::Sled.create(&scratch, edges, needed).unwrap();
 }

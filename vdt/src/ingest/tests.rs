@@ -223,7 +223,6 @@ proptest! {
             (Err(stored), Err(core)) => prop_assert_eq!(stored.to_string(), core.to_string()),
             (stored, core) => prop_assert!(false, "stored: {:?}, in core: {:?}", stored.is_ok(), core.is_ok()),
         }
-        prop_assert_eq!(scratch.bytes_on_disk(), 0);
         drop(scratch);
         prop_assert!(temporary.paths().is_empty());
     }

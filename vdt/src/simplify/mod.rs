@@ -108,6 +108,12 @@ pub fn smallest_memory(triangles: u64, threads: usize) -> ByteSize {
     Plan::smallest_memory(triangles, threads)
 }
 
+/// The least memory with which a mesh of so many vertices and triangles can be simplified by [`Strategy::Btree`] with
+/// [`EdgeTreeKind::Sled`].
+pub fn smallest_memory_with_sled(vertices: u64, triangles: u64) -> ByteSize {
+    spanned::memory_for_sled(vertices, triangles)
+}
+
 /// Simplifies a canonical mesh down to one root per component.
 ///
 /// `progress` is called now and then with the share of the vertices that are gone, 0 to 1.
@@ -144,7 +150,7 @@ fn simplify_spanned(
     scratch: &Scratch,
     progress: &mut dyn FnMut(f64),
 ) -> Result<(Simplified, SpannedCounters), SimplifyError> {
-    let shares = Shares::new(memory);
+    let shares = Shares::new(memory, kind);
     match metric {
         Metric::Quadric => run_spanned(mesh, QuadricMetric, kind, shares, scratch, progress),
         Metric::Length => run_spanned(mesh, LengthMetric, kind, shares, scratch, progress),

@@ -144,7 +144,7 @@ pub(super) fn find<M: CollapseMetric>(
 
     let buffer = (memory / 4 / mesh.blocks.len()).clamp(8 << 10, 256 << 10);
     let mut inboxes: Vec<SpoolWriter<VertexRecord>> =
-        mesh.blocks.iter().map(|_| SpoolWriter::new(scratch, "seam-vertices", buffer)).collect();
+        mesh.blocks.iter().map(|_| SpoolWriter::to_disk(scratch, "seam-vertices", buffer)).collect();
     // As vertices come by ascending number, so do those of the sample.
     let mut sample_corners = sampled.as_flattened().to_vec();
     sample_corners.sort_unstable();
@@ -197,6 +197,7 @@ pub(super) fn find<M: CollapseMetric>(
             count_edge(None, metric.keys(&first, &second, d).map(f32::to_bits), &mut histogram);
         }
     }
-    let vertices = inboxes.into_iter().map(SpoolWriter::finish).collect::<Result<_, _>>()?;
+    // None of it stays in RAM: the first pass has other uses for that.
+    let vertices = inboxes.into_iter().map(SpoolWriter::finish_on_disk).collect::<Result<_, _>>()?;
     Ok(Seams { vertices, histogram })
 }

@@ -8,7 +8,7 @@
 //! each edge.
 
 use bytemuck::Zeroable;
-use storage::{Edge, Scratch, Sorted, Sorter, StorageError};
+use storage::{Edge, GuardedSorted, GuardedSorter, Scratch, StorageError};
 
 use crate::ingest::StoredMesh;
 use crate::simplify::collapse::Engine;
@@ -29,9 +29,9 @@ pub(super) fn begin<M: CollapseMetric>(
     scratch: &Scratch,
     memory: usize,
     store: &mut MeshStore,
-) -> Result<(Sorted<Edge>, Components), StorageError> {
+) -> Result<(GuardedSorted<Edge>, Components), StorageError> {
     let inboxes = seams::find(mesh, metric, scratch, memory)?.vertices;
-    let mut edges = Sorter::new(scratch, "edges", memory / 2, 1);
+    let mut edges = GuardedSorter::new(scratch, "edges", memory / 2);
     let mut labels = Labels::new(scratch);
     let live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0]);
     let mut engine = Engine::new(live, metric, mesh.exponent);
@@ -89,7 +89,7 @@ fn write_block(mesh: &LiveMesh, store: &mut MeshStore) -> Result<(), StorageErro
 }
 
 /// Hands on the edges of a block, as the queue in memory would begin with them.
-fn push_edges<M: CollapseMetric>(engine: &Engine<M>, edges: &mut Sorter<Edge>) -> Result<(), StorageError> {
+fn push_edges<M: CollapseMetric>(engine: &Engine<M>, edges: &mut GuardedSorter<Edge>) -> Result<(), StorageError> {
     for Triangle { corners, .. } in &engine.mesh.triangles {
         for side in 0..3 {
             let ends = [corners[side], corners[(side + 1) % 3]];

@@ -9,7 +9,7 @@ use crate::simplify::metric::CollapseMetric;
 const DEARER: u32 = 1 << 31;
 
 /// An edge by its canonical ends.
-fn edge_of(ends: [u32; 2], key: u32) -> Edge {
+pub(super) fn edge_of(ends: [u32; 2], key: u32) -> Edge {
     let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
     Edge { key, tie: hash_pair(low, high), low, high }
 }

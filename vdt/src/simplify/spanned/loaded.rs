@@ -23,13 +23,16 @@ use crate::simplify::live_mesh::{Normalisation, Triangle};
 use crate::simplify::metric::{CollapseMetric, Quadric};
 use crate::simplify::queue::neighbours;
 
-use super::edges::{candidate, dearer, edge_between, ends, is_dearer};
+use super::edges::{candidate, dearer, edge_between, edge_of, ends, is_dearer};
 use super::stored::{GONE, Link, MeshStore, StoredTriangle, StoredVertex};
 
 /// Bytes of a vertex: its line, its node, what is kept here of it, its place in the table.
 const VERTEX_BYTES: usize = 64 + 44 + 12 + 20;
 /// Bytes of a triangle.
 const TRIANGLE_BYTES: usize = 20 + 36 + 20;
+
+/// Bytes of a quadric that is kept, in its table.
+const QUADRIC_BYTES: usize = (size_of::<Quadric>() + 5) * 8 / 7;
 
 /// What is known of a vertex besides what the engine knows.
 #[derive(Debug, Clone, Copy)]
@@ -69,6 +72,8 @@ pub(super) struct SubMeshes<M> {
     triangles: Vec<LoadedTriangle>,
     /// By local ids, the smaller one first.
     rejected: HashSet<(u32, u32)>,
+    /// Of the ends of edges that were collapsed, by local ids.
+    quadrics_before: HashMap<u32, Quadric>,
     star: Vec<u32>,
     ring: Vec<u32>,
     around: Vec<u32>,
@@ -89,6 +94,7 @@ impl<M: CollapseMetric> SubMeshes<M> {
             vertices: Vec::new(),
             triangles: Vec::new(),
             rejected: HashSet::new(),
+            quadrics_before: HashMap::new(),
             star: Vec::new(),
             ring: Vec::new(),
             around: Vec::new(),
@@ -102,6 +108,7 @@ impl<M: CollapseMetric> SubMeshes<M> {
             + triangles * TRIANGLE_BYTES
             + self.engine.mesh.pool_words() * 4
             + self.rejected.len() * 16
+            + self.quadrics_before.len() * QUADRIC_BYTES
     }
 
     /// What bytes this many vertices and triangles take, with their stars.
@@ -155,10 +162,15 @@ impl<M: CollapseMetric> SubMeshes<M> {
     /// What an edge amounts to between these ends, which are `None` where they are gone.
     fn judge(&self, edge: Edge, ends: [Option<([f32; 3], Quadric)>; 2]) -> Standing {
         let [Some((position, quadric)), Some((other_position, other_quadric))] = ends else { return Standing::Void };
-        let d = std::array::from_fn(|axis| other_position[axis] - position[axis]);
-        let keys = self.engine.metric.keys(&quadric, &other_quadric, d).map(f32::to_bits);
+        let keys = self.keys((position, quadric), (other_position, other_quadric));
         let key = if is_dearer(edge) { keys[0].max(keys[1]) } else { keys[0].min(keys[1]) };
         if edge.key < key { Standing::Void } else { Standing::Due }
+    }
+
+    /// The keys of an edge in both directions, by the normalised positions and the quadrics of its ends.
+    fn keys(&self, (position, quadric): ([f32; 3], Quadric), other: ([f32; 3], Quadric)) -> [u32; 2] {
+        let d = std::array::from_fn(|axis| other.0[axis] - position[axis]);
+        self.engine.metric.keys(&quadric, &other.1, d).map(f32::to_bits)
     }
 
     /// Loads all that the decision of an edge reads and may change. `false`: there are `limit` bytes (or a triangle more)
@@ -254,6 +266,7 @@ impl<M: CollapseMetric> SubMeshes<M> {
     pub fn decide(&mut self, edge: Edge, order: u32, again: &mut Vec<Edge>) -> bool {
         let Some(places) = self.places(edge) else { return false };
         let deaths = self.engine.deaths.len();
+        let quadrics = places.map(|place| self.engine.mesh.vertices[place as usize].quadric);
         match self.engine.attempt(candidate(edge, places), order) {
             // One whose key has grown is in the queue with the new key.
             Outcome::Gone | Outcome::Grown(_) => false,
@@ -266,6 +279,9 @@ impl<M: CollapseMetric> SubMeshes<M> {
                 false
             }
             Outcome::Collapsed { stays } => {
+                for (place, quadric) in places.into_iter().zip(quadrics) {
+                    self.quadrics_before.entry(place).or_insert(quadric);
+                }
                 let gone = if places[0] == stays { places[1] } else { places[0] };
                 self.follow(gone, stays, deaths, again);
                 true
@@ -340,6 +356,36 @@ impl<M: CollapseMetric> SubMeshes<M> {
         (self.around, self.ring) = (around, ring);
     }
 
+    /// The edges above `limit` that wait in the tree for nothing, since one of their ends is gone: in ascending order, some
+    /// of them perhaps not in the tree. Each as it was put in last: an older entry of it, at a smaller key, stays.
+    pub fn waiting_for_nothing(&self, limit: Edge) -> Vec<Edge> {
+        let mut edges = Vec::new();
+        for LoadedTriangle { stored, .. } in self.triangles.iter().filter(|triangle| triangle.is_changed) {
+            let places = stored.corners.map(|id| self.places.get(&id).copied());
+            let [Some(a), Some(b), Some(c)] = places else { continue };
+            let corners = [a, b, c];
+            let is_gone = corners.map(|corner| self.engine.mesh.vertices[corner as usize].is_gone());
+            // Rejected edges wait in no tree.
+            for side in (0..3).filter(|side| stored.flags >> side & 1 == 0) {
+                let next = (side + 1) % 3;
+                if is_gone[side] || is_gone[next] {
+                    let keys = self.keys(self.before(corners[side]), self.before(corners[next]));
+                    edges.push(edge_of([stored.corners[side], stored.corners[next]], keys[0].min(keys[1])));
+                }
+            }
+        }
+        edges.retain(|edge| *edge > limit);
+        edges.sort_unstable();
+        edges.dedup();
+        edges
+    }
+
+    /// The normalised position and the quadric that a vertex had when it was loaded.
+    fn before(&self, place: u32) -> ([f32; 3], Quadric) {
+        let line = &self.engine.mesh.vertices[place as usize];
+        (line.position, self.quadrics_before.get(&place).copied().unwrap_or(line.quadric))
+    }
+
     /// Writes back what has changed, and lets go of everything.
     pub fn write_back(&mut self, store: &mut MeshStore) -> Result<(), StorageError> {
         let SubMeshes { engine, vertices, triangles, rejected, .. } = self;
@@ -395,6 +441,7 @@ impl<M: CollapseMetric> SubMeshes<M> {
         self.vertices.clear();
         self.triangles.clear();
         self.rejected.clear();
+        self.quadrics_before.clear();
     }
 }
 

@@ -168,9 +168,50 @@ fn with_sled_it_is_the_same() {
         assert!(counters.loads > 5, "{counters:?}");
         assert!(!place.exists());
         let refused = simplify(&blocked(&mesh, 700), metric, EdgeTreeKind::Sled, tight(150_000, 0), LocalDisk, &place);
-        assert!(refused.unwrap_err().to_string().contains("--edge-tree redb"));
+        let message = refused.unwrap_err().to_string();
+        let advice = memory_for_sled(mesh.positions.len() as u64, mesh.triangles.len() as u64).as_argument();
+        assert!(message.contains("--edge-tree redb") && message.contains(&advice), "{message}");
         assert!(!place.exists());
     }
+}
+
+proptest! {
+    #[test]
+    fn with_what_is_advised_for_sled_it_does_and_with_less_it_does_not(
+        triangles in prop_oneof![1_u64..5_000_000, 1_u64..1 << 32], missing in 1_u64..100_000_000,
+    ) {
+        let vertices = triangles / 2 + 2;
+        let mesh = vertices * 12 + triangles * 12;
+        let does = |memory: u64| {
+            let memory = memory.saturating_sub(mesh);
+            let needed = storage::edge_tree::sled_needs(triangles * 3 / 2).0;
+            let is_in_core = triangles <= Plan::new(memory, 1).queue_triangles;
+            (is_in_core, needed <= Shares::new(ByteSize(memory), EdgeTreeKind::Sled).tree)
+        };
+        let ByteSize(advice) = memory_for_sled(vertices, triangles);
+        let (is_in_core, is_in_tree) = does(advice);
+        prop_assert!(is_in_core || is_in_tree);
+        prop_assert_eq!(does(advice.saturating_sub(1 << 20).saturating_sub(missing)), (false, false));
+        // Large meshes go into the tree before they fit in memory.
+        prop_assert!(!is_in_core || triangles < 4_000_000);
+    }
+
+    #[test]
+    fn shares_are_parts_of_the_memory(memory in any::<u64>()) {
+        for kind in EdgeTreeKind::ALL {
+            let Shares { tree, pages, sub_meshes, core, .. } = Shares::new(ByteSize(memory), kind);
+            // The journal has what `run_spanned` gives it.
+            let journal = memory / 16 + memory / 32;
+            prop_assert!(tree + pages + sub_meshes <= memory - journal);
+            prop_assert!(core <= memory - journal - pages);
+        }
+    }
+}
+
+#[test]
+fn advice_for_sled_ends_whatever_a_file_claims() {
+    assert_eq!(memory_for_sled(0, 0), ByteSize(MEBIBYTE));
+    memory_for_sled(u64::MAX, u64::MAX);
 }
 
 #[test]
@@ -327,7 +368,7 @@ fn check_loads<M: CollapseMetric>(task: &Task<'_, M>) {
         loads.collapse(limit).unwrap();
         // Stars that grow move to where there is room.
         assert!(loads.loaded.bytes() <= enough + enough / 8);
-        loads.put_back(&journal).unwrap();
+        loads.put_back(limit, &journal).unwrap();
         check_store(&mut loads.store);
     }
 }
