@@ -52,7 +52,7 @@ pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
     let model_options = ModelOptions { blocking: options.blocking, metric: options.metric, strategy: options.strategy };
     progress.show(Phase::Writing, 0.0);
     let (vertices, triangles, roots) = (tree.leaf_count(), tree.triangles.len(), tree.roots.len() as u64);
-    let resources = WriteResources { scratch: scratch.clone(), memory: options.memory };
+    let resources = WriteResources { scratch: scratch.clone(), memory: options.memory, threads: build_options.threads };
     let model = write_model(Arc::new(disk.clone()), output, &tree, &model_options, &resources, &mut |share| {
         progress.show(Phase::Writing, share);
     })?;

@@ -2,82 +2,102 @@
 //!
 //! Everything lies in leaf order, and the splits of a subtree are those born inside its interval. So the weight of a
 //! subtree, in words of a page, is the difference of two running sums, and no walk from the leaves up is needed. The
-//! sums are made in one pass, with the links that blocking follows: the *outline*, 24 bytes for each leaf.
+//! sums at every 2,048th leaf are made in one pass ([`Sums`]); those between follow when a stretch is read.
 //!
 //! Blocking goes depth first, so what it asks for moves through the leaves from left to right; only the pages near the
 //! root of the page tree, which are few, look all over the tree.
 //!
-//! Memory: the caches, and 4 bytes for each 1,024 leaves. I/O: splits and triangle counts are read once for the outline,
-//! which is written and read once; then each array once more.
+//! Memory: the caches, and 28 bytes for each 2,048 leaves. I/O: splits and triangle counts are read once for the sums; then
+//! each array once more for every walk.
 
-use bytemuck::{Pod, Zeroable};
-use storage::{Scratch, Spool, SpoolWriter, StorageError};
+use bytemuck::Pod;
+use storage::{Spool, StorageError};
 use vdt::tree::{NO_SPLIT, Split, StoredTree};
 
 use crate::blocking::BlockingError;
 use crate::page::{ENTRY_WORDS, RECORD_WORDS, TRIANGLE_WORDS};
 
-/// Records that a cache reads at once.
-const STRETCH: usize = 1024;
+/// Nodes that are read at once, and between two sums.
+const NODES: usize = 2048;
 /// Bytes of a buffer for reading from front to back.
 const BUFFER: usize = 256 << 10;
 
-/// What blocking knows of the split born at a leaf, and of all before it.
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-pub(crate) struct Outline {
-    /// Words in pages of all splits before it.
-    words_before: u64,
-    /// The split of the kept child, or [`NO_SPLIT`].
-    pub kept: u32,
-    /// The split of the born child, or [`NO_SPLIT`].
-    pub born: u32,
-    /// Dependency id of the node.
-    pub id: u32,
-    /// Triangles of all splits before it.
-    triangles_before: u32,
+/// Where the records of a [`Cache`] come from.
+pub(crate) trait Source {
+    /// A record.
+    type Record: Copy;
+
+    /// Records that are read at once: many are read faster, few are read in vain where one is looked up here and there.
+    const STRETCH: usize;
+
+    /// A record to fill room with.
+    fn empty() -> Self::Record;
+
+    /// How many there are.
+    fn len(&self) -> u64;
+
+    /// Fills `records` with those from number `start` on, which exist.
+    fn read(&mut self, start: u64, records: &mut [Self::Record]) -> Result<(), StorageError>;
 }
 
-/// The last records of a spool that were looked up, by stretches. Frames are let go by second chance.
+impl<T: Pod> Source for &Spool<T> {
+    type Record = T;
+
+    const STRETCH: usize = 1024;
+
+    fn empty() -> T {
+        T::zeroed()
+    }
+
+    fn len(&self) -> u64 {
+        Spool::len(self)
+    }
+
+    fn read(&mut self, start: u64, records: &mut [T]) -> Result<(), StorageError> {
+        self.read_at(start, records)
+    }
+}
+
+/// The last records of a source that were looked up, by stretches. Frames are let go by second chance.
 #[derive(Debug)]
-pub(crate) struct Cache<'a, T> {
-    spool: &'a Spool<T>,
+pub(crate) struct Cache<S: Source> {
+    source: S,
     frame_of: Vec<u32>,
     /// The stretch in each frame, and whether it was looked up since the hand came by.
     frames: Vec<(u32, bool)>,
-    records: Vec<T>,
+    records: Vec<S::Record>,
     most_frames: usize,
     hand: usize,
 }
 
 const NO_FRAME: u32 = u32::MAX;
 
-impl<'a, T: Pod> Cache<'a, T> {
+impl<S: Source> Cache<S> {
     /// A cache of at most so many bytes, two stretches at least.
-    pub fn new(spool: &'a Spool<T>, ram_bytes: usize) -> Self {
-        let stretches = spool.len().div_ceil(STRETCH as u64) as usize;
-        let most_frames = (ram_bytes / (STRETCH * size_of::<T>())).clamp(2, stretches.max(2));
+    pub fn new(source: S, ram_bytes: usize) -> Self {
+        let stretches = source.len().div_ceil(S::STRETCH as u64) as usize;
+        let most_frames = (ram_bytes / (S::STRETCH * size_of::<S::Record>())).clamp(2, stretches.max(2));
         let frame_of = vec![NO_FRAME; stretches];
-        Cache { spool, frame_of, frames: Vec::new(), records: Vec::new(), most_frames, hand: 0 }
+        Cache { source, frame_of, frames: Vec::new(), records: Vec::new(), most_frames, hand: 0 }
     }
 
     /// The record with this number, which must exist.
     #[inline]
-    pub fn get(&mut self, number: u32) -> Result<T, StorageError> {
-        let stretch = number as usize / STRETCH;
+    pub fn get(&mut self, number: u32) -> Result<S::Record, StorageError> {
+        let stretch = number as usize / S::STRETCH;
         let mut frame = self.frame_of[stretch];
         if frame == NO_FRAME {
             frame = self.load(stretch)?;
         }
         self.frames[frame as usize].1 = true;
-        Ok(self.records[frame as usize * STRETCH + number as usize % STRETCH])
+        Ok(self.records[frame as usize * S::STRETCH + number as usize % S::STRETCH])
     }
 
     #[cold]
     fn load(&mut self, stretch: usize) -> Result<u32, StorageError> {
         let frame = if self.frames.len() < self.most_frames {
             self.frames.push((NO_FRAME, false));
-            self.records.resize(self.frames.len() * STRETCH, T::zeroed());
+            self.records.resize(self.frames.len() * S::STRETCH, S::empty());
             self.frames.len() - 1
         } else {
             while std::mem::replace(&mut self.frames[self.hand].1, false) {
@@ -89,9 +109,9 @@ impl<'a, T: Pod> Cache<'a, T> {
             *place = NO_FRAME;
         }
         self.frames[frame].0 = NO_FRAME;
-        let start = (stretch * STRETCH) as u64;
-        let count = (self.spool.len() - start).min(STRETCH as u64) as usize;
-        self.spool.read_at(start, &mut self.records[frame * STRETCH..][..count])?;
+        let start = (stretch * S::STRETCH) as u64;
+        let count = (self.source.len() - start).min(S::STRETCH as u64) as usize;
+        self.source.read(start, &mut self.records[frame * S::STRETCH..][..count])?;
         self.frames[frame] = (stretch as u32, false);
         self.frame_of[stretch] = frame as u32;
         self.hand = (frame + 1) % self.most_frames.min(self.frames.len());
@@ -99,23 +119,90 @@ impl<'a, T: Pod> Cache<'a, T> {
     }
 }
 
-/// Makes the outline of a tree; the last record, one more than there are leaves, has the sums of all.
-pub(crate) fn outline(tree: &StoredTree, scratch: &Scratch, ram_bytes: usize) -> Result<Spool<Outline>, StorageError> {
-    let mut splits = tree.splits.reader(BUFFER);
-    let mut counts = tree.triangle_counts.reader(BUFFER);
-    let mut outline = SpoolWriter::new(scratch, "outline", ram_bytes);
-    let (mut words_before, mut triangles_before) = (0, 0_u32);
-    while let (Some(Split { kept, born, id, .. }), Some(triangles)) = (splits.next()?, counts.next()?) {
-        outline.push(Outline { words_before, kept, born, id, triangles_before })?;
-        let entries = u64::from(kept != NO_SPLIT) + u64::from(born != NO_SPLIT);
-        words_before +=
-            RECORD_WORDS as u64 + entries * ENTRY_WORDS as u64 + u64::from(triangles) * TRIANGLE_WORDS as u64;
-        triangles_before = triangles_before.wrapping_add(triangles);
-    }
-    outline.push(Outline { words_before, kept: NO_SPLIT, born: NO_SPLIT, id: 0, triangles_before })?;
-    outline.finish()
+/// What lies before each stretch of a tree: the words in pages and the triangles of all splits, and at the end those of
+/// the whole tree.
+#[derive(Debug)]
+pub(crate) struct Sums {
+    before: Vec<(u64, u32)>,
+    all: (u64, u32),
 }
 
+impl Sums {
+    /// Adds up a tree.
+    pub fn of(tree: &StoredTree) -> Result<Self, StorageError> {
+        let mut splits = tree.splits.reader(BUFFER);
+        let mut counts = tree.triangle_counts.reader(BUFFER);
+        let mut before = Vec::with_capacity((tree.leaf_count() as usize).div_ceil(NODES));
+        let (mut number, mut all) = (0, (0, 0));
+        while let (Some(split), Some(triangles)) = (splits.next()?, counts.next()?) {
+            if number % NODES == 0 {
+                before.push(all);
+            }
+            number += 1;
+            all = after(all, &split, triangles);
+        }
+        Ok(Sums { before, all })
+    }
+}
+
+/// The sums behind a split, from those before it.
+#[inline]
+fn after((words, triangles): (u64, u32), split: &Split, born: u32) -> (u64, u32) {
+    let entries = u64::from(split.kept != NO_SPLIT) + u64::from(split.born != NO_SPLIT);
+    let own = RECORD_WORDS as u64 + entries * ENTRY_WORDS as u64 + u64::from(born) * TRIANGLE_WORDS as u64;
+    (words + own, triangles.wrapping_add(born))
+}
+
+/// A split, with the sums over all before it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Node {
+    split: Split,
+    before: (u64, u32),
+}
+
+impl Node {
+    const VACANT: Node = Node { split: Split::VACANT, before: (0, 0) };
+}
+
+/// The nodes of a tree by the leaf that they bear; the last, one more than there are leaves, has the sums of all.
+#[derive(Debug)]
+pub(crate) struct NodeSource<'a> {
+    tree: &'a StoredTree,
+    sums: &'a Sums,
+    splits: Vec<Split>,
+    counts: Vec<u32>,
+}
+
+impl Source for NodeSource<'_> {
+    type Record = Node;
+
+    const STRETCH: usize = NODES;
+
+    fn empty() -> Node {
+        Node::VACANT
+    }
+
+    fn len(&self) -> u64 {
+        self.tree.leaf_count() + 1
+    }
+
+    fn read(&mut self, start: u64, nodes: &mut [Node]) -> Result<(), StorageError> {
+        let count = (self.tree.leaf_count() - start).min(nodes.len() as u64) as usize;
+        self.splits.resize(count, Split::VACANT);
+        self.counts.resize(count, 0);
+        self.tree.splits.read_at(start, &mut self.splits)?;
+        self.tree.triangle_counts.read_at(start, &mut self.counts)?;
+        let mut before = self.sums.before.get(start as usize / NODES).copied().unwrap_or(self.sums.all);
+        for ((node, split), born) in nodes.iter_mut().zip(&self.splits).zip(&self.counts) {
+            *node = Node { split: *split, before };
+            before = after(before, split, *born);
+        }
+        if let Some(last) = nodes.get_mut(count) {
+            *last = Node { split: Split::VACANT, before };
+        }
+        Ok(())
+    }
+}
 /// A subtree, by the split at its root.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Subtree {
@@ -128,19 +215,22 @@ pub(crate) struct Subtree {
     pub is_tree: bool,
 }
 
-/// The outline, looked up.
+/// The splits of a tree with what they weigh, looked up.
 #[derive(Debug)]
 pub(crate) struct Nodes<'a> {
-    cache: Cache<'a, Outline>,
+    cache: Cache<NodeSource<'a>>,
 }
 
 impl<'a> Nodes<'a> {
-    pub fn new(outline: &'a Spool<Outline>, ram_bytes: usize) -> Self {
-        Nodes { cache: Cache::new(outline, ram_bytes) }
+    /// Of a tree with these sums, within so many bytes.
+    pub fn new(tree: &'a StoredTree, sums: &'a Sums, ram_bytes: usize) -> Self {
+        let source = NodeSource { tree, sums, splits: Vec::new(), counts: Vec::new() };
+        Nodes { cache: Cache::new(source, ram_bytes) }
     }
 
-    pub fn get(&mut self, split: u32) -> Result<Outline, StorageError> {
-        self.cache.get(split)
+    /// The split born at a leaf.
+    pub fn split(&mut self, split: u32) -> Result<Split, StorageError> {
+        Ok(self.cache.get(split)?.split)
     }
 
     /// The subtrees below a split that split further, the kept one first.
@@ -150,7 +240,7 @@ impl<'a> Nodes<'a> {
     pub fn children(&mut self, subtree: Subtree) -> Result<[Option<Subtree>; 2], BlockingError> {
         let Subtree { split, start, end, .. } = subtree;
         check_place(subtree)?;
-        let Outline { kept, born, .. } = self.cache.get(split)?;
+        let Split { kept, born, .. } = self.split(split)?;
         // A child is a leaf just where one leaf is left: so each leaf that can be born is.
         if (kept == NO_SPLIT) != (split - start == 1) || (born == NO_SPLIT) != (end - split == 1) {
             let (kept, born) = (split - start, end - split);
@@ -164,19 +254,23 @@ impl<'a> Nodes<'a> {
         Ok(below)
     }
 
+    fn words_before(&mut self, split: u32) -> Result<u64, StorageError> {
+        Ok(self.cache.get(split)?.before.0)
+    }
+
     /// Words of a page that a split takes.
     pub fn split_words(&mut self, split: u32) -> Result<usize, StorageError> {
-        Ok((self.cache.get(split + 1)?.words_before - self.cache.get(split)?.words_before) as usize)
+        Ok((self.words_before(split + 1)? - self.words_before(split)?) as usize)
     }
 
     /// Words of pages that all splits of a subtree take: those born behind its first leaf.
     pub fn weight(&mut self, subtree: Subtree) -> Result<u64, StorageError> {
-        Ok(self.cache.get(subtree.end)?.words_before - self.cache.get(subtree.start + 1)?.words_before)
+        Ok(self.words_before(subtree.end)? - self.words_before(subtree.start + 1)?)
     }
 
     /// The triangles of a split, by number.
     pub fn triangles(&mut self, split: u32) -> Result<std::ops::Range<u32>, StorageError> {
-        Ok(self.cache.get(split)?.triangles_before..self.cache.get(split + 1)?.triangles_before)
+        Ok(self.cache.get(split)?.before.1..self.cache.get(split + 1)?.before.1)
     }
 }
 
@@ -206,7 +300,7 @@ mod tests {
                 let number = number % count;
                 prop_assert_eq!(cache.get(number).unwrap(), number.wrapping_mul(0x9e37_79b9));
             }
-            prop_assert!(cache.records.len() * 4 <= ram.max(2 * STRETCH * 4));
+            prop_assert!(cache.records.len() * 4 <= ram.max(2 * 1024 * 4));
         }
     }
 }

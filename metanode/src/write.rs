@@ -1,32 +1,33 @@
 //! Writes a blocked tree as a model file, whatever its size.
 //!
-//! The pages are filled and encoded depth-first over the page tree, so that what they need of the tree moves through the
-//! leaves from left to right. They are to lie in the file breadth-first; within a level of the page tree both orders are
-//! the same. So the encoded pages wait in the scratch, their places are sorted by level, and in that order they are given
-//! their numbers, their places in the file and those of their children, and written from front to back. The file appears
+//! The pages lie in the file breadth-first, parents before children. To be filled they are gone through depth-first, so
+//! that what they need of the tree moves through the leaves from left to right, and that twice: first they are measured
+//! (`layout`), so that every number and place is known; then they are encoded and written where they belong (`encode`).
+//! Filling a page twice costs a few per cent of encoding it, and saves writing and reading it once more. The file appears
 //! under its name whole or not at all. Its bytes are a function of the tree and the options: no memory, time, path or
 //! thread has a part in them.
 //!
-//! Memory: what is allowed, for the caches of `leaf_order` and buffers; and on top, for each tree, 100 bytes,
-//! for each page on the way from the root down its splits, and one page. I/O: see `leaf_order`; each page is
-//! written and read once in the scratch before it is written to the file.
+//! Memory: what is allowed, for the caches of `leaf_order` and buffers; and on top, for each tree, 100 bytes, and for each
+//! page on the way from the root down its splits. I/O: of the tree, splits and triangle counts are read three times, the
+//! rest once; the file is written once.
+
+mod descent;
+mod encode;
+mod layout;
 
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
-use bytemuck::{Pod, Zeroable};
-use storage::{AtomicFile, ByteSize, Disk, Scratch, SortRecord, Sorter, Spool, SpoolWriter, StorageError};
+use storage::{AtomicFile, ByteSize, Disk, Scratch, StorageError};
 use thiserror::Error;
-use vdt::tree::{Split, StoredTree};
+use vdt::tree::StoredTree;
 
-use crate::blocking::{self, BlockingError, Filled, Filler};
-use crate::header::{
-    Blocking, HEADER_BYTES, Header, LARGEST_SLOT_BYTES, Metric, ModelRoot, ROOT_PAGE_WORDS, ROOT_WORDS, Strategy,
-};
-use crate::leaf_order::{Cache, Nodes, Outline, Subtree, check_place, outline};
-use crate::page::{
-    CHILD_PAGE_WORDS, ENTRY_WORDS, HEADER_WORDS, NONE_16, NONE_32, PageLocation, RECORD_WORDS, TRIANGLE_WORDS, pack,
-};
+use crate::blocking::{self, BlockingError, Filler};
+use crate::header::{Blocking, Header, LARGEST_SLOT_BYTES, Metric, Strategy};
+use crate::leaf_order::{Subtree, check_place};
+use crate::page::NONE_32;
+use encode::Bounds;
+use layout::Layout;
 
 /// How a model is to be written, and what it says of its origin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,45 +94,24 @@ pub struct WriteResources {
     pub scratch: Scratch,
     /// RAM for what grows with the tree.
     pub memory: ByteSize,
+    /// How many threads may work.
+    pub threads: usize,
 }
 
 impl WriteResources {
     /// For a tree that is small beside the memory of the machine: everything in RAM.
     pub fn in_memory() -> Self {
-        WriteResources { scratch: Scratch::in_memory(), memory: ByteSize(u64::MAX) }
+        WriteResources { scratch: Scratch::in_memory(), memory: ByteSize(u64::MAX), threads: 1 }
     }
 
     /// So many sixteenths of the memory, in bytes.
     fn share(&self, sixteenths: u64) -> usize {
         usize::try_from(self.memory.0 / 16 * sixteenths).unwrap_or(usize::MAX)
     }
-}
 
-/// A page that waits in the scratch. Ordered by level, and within a level as it was filled: breadth-first.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
-#[repr(C)]
-struct WaitingPage {
-    /// Its level in the page tree; root pages are on level 1.
-    level: u32,
-    /// How many pages were filled before it.
-    sequence: u32,
-    /// Where its words begin.
-    first_word: u64,
-    /// How many they are.
-    words: u32,
-    /// How many child pages it has.
-    children: u32,
-}
-
-impl WaitingPage {
-    fn encoded_bytes(&self) -> u32 {
-        self.words * 4 + 4
-    }
-}
-
-impl SortRecord for WaitingPage {
-    fn prefix(&self) -> u64 {
-        u64::from(self.level) << 32 | u64::from(self.sequence)
+    /// The part of it that each thread has.
+    fn thread_share(&self, sixteenths: u64) -> usize {
+        self.share(sixteenths) / self.threads.max(1)
     }
 }
 
@@ -142,12 +122,21 @@ pub fn write_model(
     tree: &StoredTree,
     options: &ModelOptions,
     resources: &WriteResources,
-    progress: &mut dyn FnMut(f64),
+    progress: &mut (dyn FnMut(f64) + Send),
 ) -> Result<ModelSummary, WriteError> {
     blocking::check_parameters(options.blocking)?;
     check_arrays(tree)?;
-    let Encoded { words, pages, places, minimum, maximum, totals } = encode(tree, options, resources, progress)?;
     let splits = tree.leaf_count() - tree.roots.len() as u64;
+    // Both ways through the pages count each split; the second takes about three times as long.
+    let work = Mutex::new((0, progress));
+    let progress = |part: u64| {
+        let (done, progress) = &mut *work.lock().unwrap_or_else(PoisonError::into_inner);
+        *done += part;
+        progress((*done as f64 / (4 * splits.max(1)) as f64).min(1.0));
+    };
+    let filler = Filler::new(options.blocking);
+    let layout = Layout::of(tree, filler, filler.root_groups(trees(tree)?), resources, &progress)?;
+    let totals = layout.totals;
     if totals.splits != splits || totals.triangles != tree.triangles.len() {
         let problem = format!(
             "{} of {splits} splits and {} of {} triangles belong to one of its trees",
@@ -158,9 +147,17 @@ pub fn write_model(
         return Err(BlockingError::Tree { problem }.into());
     }
 
-    let layout = Layout::of(tree, &pages, &places, resources)?;
-    let page_count = pages.len() as u32;
-    let switches = layout.roots.iter().map(|root| root.switch);
+    let mut file = AtomicFile::create(disk, path)?;
+    file.set_length(layout.file_length)?;
+    let file = Mutex::new(file);
+    let root_groups = filler.root_groups(trees(tree)?);
+    let bounds = encode::write_pages(&file, tree, &layout, filler, root_groups, resources, &|part| {
+        progress(3 * part);
+    })?;
+    let mut file = file.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let page_count = layout.sizes.len() as u32;
+    let Bounds { minimum, maximum } =
+        if tree.roots.is_empty() { Bounds { minimum: [0.0; 3], maximum: [0.0; 3] } } else { bounds };
     let header = Header {
         leaf_count: tree.leaf_count() as u32,
         triangle_count: tree.triangles.len() as u32,
@@ -174,19 +171,19 @@ pub fn write_model(
         origin: tree.origin,
         minimum,
         maximum,
-        largest_switch: switches.fold(0.0, f32::max),
+        largest_switch: layout.roots.iter().map(|root| root.switch).fold(0.0, f32::max),
         metric: options.metric,
         strategy: options.strategy,
         blocking: options.blocking,
-        roots_offset: HEADER_BYTES as u64,
+        roots_offset: crate::header::HEADER_BYTES as u64,
         pages_offset: layout.pages_offset,
         file_length: layout.file_length,
     };
-    let mut file = AtomicFile::create(disk, path)?;
-    file.append(&header.to_bytes())?;
-    file.append(&layout.tables())?;
-    append_pages(&mut file, &words, &pages, &layout, resources, progress)?;
+    let mut start = header.to_bytes().to_vec();
+    start.extend(with_checksum(&layout.tables()));
+    file.write_at(0, &start)?;
     file.commit()?;
+    progress(4 * splits);
 
     let slot_bytes = match options.blocking {
         Blocking::Forest { slot_bytes, .. } => slot_bytes,
@@ -199,9 +196,18 @@ pub fn write_model(
         page_levels: header.page_levels,
         slot_bytes: header.slot_bytes,
         bytes: header.file_length,
-        fill: if slots > 0.0 { (words.len() * 4) as f64 / slots } else { 0.0 },
+        fill: if slots > 0.0 { (layout.words * 4) as f64 / slots } else { 0.0 },
         largest_switch: header.largest_switch,
     })
+}
+
+/// The trees, as blocking has them.
+fn trees(tree: &StoredTree) -> Result<Vec<Subtree>, BlockingError> {
+    let whole =
+        tree.roots.iter().map(|root| Subtree { split: root.split, start: root.start, end: root.end, is_tree: true });
+    let trees: Vec<Subtree> = whole.collect();
+    trees.iter().try_for_each(|tree| check_place(*tree))?;
+    Ok(trees)
 }
 
 /// What everything else relies on.
@@ -241,293 +247,12 @@ struct Totals {
     triangles: u64,
 }
 
-/// The encoded pages of a tree. What is known only when all are is still 0 in them.
-struct Encoded {
-    words: Spool<u32>,
-    /// Breadth-first.
-    pages: Spool<WaitingPage>,
-    /// For each tree the page with its root, by its sequence, and the record there.
-    places: Vec<(u32, u16)>,
-    minimum: [f32; 3],
-    maximum: [f32; 3],
-    totals: Totals,
-}
-
-/// A page that was filled and is not yet encoded.
-struct Pending {
-    level: u32,
-    filled: Filled,
-}
-
-fn encode(
-    tree: &StoredTree,
-    options: &ModelOptions,
-    resources: &WriteResources,
-    progress: &mut dyn FnMut(f64),
-) -> Result<Encoded, WriteError> {
-    let scratch = &resources.scratch;
-    let outline = outline(tree, scratch, resources.share(2))?;
-    let trees =
-        tree.roots.iter().map(|root| Subtree { split: root.split, start: root.start, end: root.end, is_tree: true });
-    let trees: Vec<Subtree> = trees.collect();
-    trees.iter().try_for_each(|tree| check_place(*tree))?;
-    let filler = Filler::new(options.blocking);
-    let mut encoder = Encoder::new(tree, &outline, resources);
-    let mut sorter = Sorter::new(scratch, "pages", resources.share(1), 1);
-    let mut root_groups = filler.root_groups(trees).into_iter();
-    let mut stack: Vec<Pending> = Vec::new();
-    let (mut sequence, mut first_word) = (0, 0);
-    loop {
-        if stack.is_empty()
-            && let Some(group) = root_groups.next()
-        {
-            stack.push(Pending { level: 1, filled: filler.fill(&mut encoder.nodes, group)? });
-        }
-        let Some(Pending { level, filled }) = stack.pop() else { break };
-        // The child pages are filled first: where the splits of the page lead to depends on them.
-        let Filled { root_count, records, groups } = filled;
-        let first_child = stack.len();
-        for group in groups {
-            stack.push(Pending { level: level + 1, filled: filler.fill(&mut encoder.nodes, group)? });
-        }
-        let children = &stack[first_child..];
-        encoder.page(root_count, &records, children, sequence)?;
-        let words = encoder.words.len() - first_word;
-        let page = WaitingPage { level, sequence, first_word, words: words as u32, children: children.len() as u32 };
-        sorter.push(page)?;
-        stack[first_child..].reverse();
-        first_word += words;
-        sequence += 1;
-        progress(0.75 * encoder.totals.splits as f64 / tree.leaf_count() as f64);
-    }
-    let Encoder { words, places, mut minimum, mut maximum, totals, .. } = encoder;
-    let mut sorted = sorter.finish()?;
-    let mut pages = SpoolWriter::new(scratch, "pages", resources.share(1));
-    while let Some(page) = sorted.next()? {
-        pages.push(page)?;
-    }
-    if tree.roots.is_empty() {
-        (minimum, maximum) = ([0.0; 3], [0.0; 3]);
-    }
-    Ok(Encoded { words: words.finish()?, pages: pages.finish()?, places, minimum, maximum, totals })
-}
-
-/// Encodes pages.
-struct Encoder<'a> {
-    tree: &'a StoredTree,
-    nodes: Nodes<'a>,
-    splits: Cache<'a, Split>,
-    positions: Cache<'a, [f32; 3]>,
-    triangles: Cache<'a, [u32; 3]>,
-    words: SpoolWriter<u32>,
-    /// The page at hand: its entries and triangles follow its records.
-    page: Vec<u32>,
-    entries: Vec<u32>,
-    corners: Vec<u32>,
-    places: Vec<(u32, u16)>,
-    minimum: [f32; 3],
-    maximum: [f32; 3],
-    totals: Totals,
-}
-
-impl<'a> Encoder<'a> {
-    fn new(tree: &'a StoredTree, outline: &'a Spool<Outline>, resources: &WriteResources) -> Self {
-        Encoder {
-            tree,
-            nodes: Nodes::new(outline, resources.share(6)),
-            splits: Cache::new(&tree.splits, resources.share(2)),
-            positions: Cache::new(&tree.positions, resources.share(1)),
-            triangles: Cache::new(&tree.triangles, resources.share(1)),
-            words: SpoolWriter::new(&resources.scratch, "page-words", resources.share(2)),
-            page: Vec::new(),
-            entries: Vec::new(),
-            corners: Vec::new(),
-            places: vec![(0, 0); tree.roots.len()],
-            minimum: [f32::INFINITY; 3],
-            maximum: [f32::NEG_INFINITY; 3],
-            totals: Totals::default(),
-        }
-    }
-
-    /// The page of these records, the first of which are its roots.
-    fn page(
-        &mut self,
-        roots: usize,
-        records: &[Subtree],
-        children: &[Pending],
-        sequence: u32,
-    ) -> Result<(), WriteError> {
-        let interval = (records[0].start, records[roots - 1].end);
-        self.page.clear();
-        self.page.resize(HEADER_WORDS + children.len() * CHILD_PAGE_WORDS, 0);
-        self.entries.clear();
-        self.corners.clear();
-        // Breadth-first, so the next record that is not a root belongs to the next child that is in this page.
-        let mut next_inside = roots;
-        for (index, subtree) in records.iter().enumerate() {
-            if subtree.is_tree {
-                let tree = self.tree.roots.partition_point(|root| root.start < subtree.start);
-                self.places[tree] = (sequence, index as u16);
-                let first_leaf = self.positions.get(subtree.start)?;
-                self.extend_box(subtree.start, first_leaf)?;
-            }
-            let position = self.positions.get(subtree.split)?;
-            self.extend_box(subtree.split, position)?;
-            let first_triangle = (self.corners.len() / TRIANGLE_WORDS) as u32;
-            let mut places = [NONE_16; 2];
-            for (place, child) in places.iter_mut().zip(self.nodes.children(*subtree)?) {
-                let Some(child) = child else { continue };
-                *place = (self.entries.len() / ENTRY_WORDS) as u16;
-                let target = if records.get(next_inside).is_some_and(|record| record.split == child.split) {
-                    next_inside += 1;
-                    pack(next_inside as u16 - 1, NONE_16)
-                } else {
-                    in_child_page(children, child.split)
-                };
-                let Split { id, switch, radius, cone, .. } = self.splits.get(child.split)?;
-                check_values(child.split, switch, radius)?;
-                self.entries.extend([id, switch.to_bits(), radius.to_bits(), cone.to_word(), target]);
-            }
-            for triangle in self.nodes.triangles(subtree.split)? {
-                let corners = self.triangles.get(triangle)?;
-                if let Some(wrong) = corners.iter().find(|leaf| u64::from(**leaf) >= self.tree.leaf_count()) {
-                    let problem = format!("a triangle with the corner {wrong}, of {} leaves", self.tree.leaf_count());
-                    return Err(BlockingError::Tree { problem }.into());
-                }
-                self.corners.extend(corners);
-            }
-            self.page.push(subtree.split);
-            self.page.extend(position.map(f32::to_bits));
-            self.page.push(pack(places[0], places[1]));
-            self.page.push(first_triangle);
-        }
-        let triangles = self.corners.len() / TRIANGLE_WORDS;
-        let bytes = (self.page.len() + self.entries.len() + self.corners.len()) as u64 * 4;
-        if bytes > LARGEST_SLOT_BYTES.into() {
-            let (splits, triangles) = (records.len() as u32, triangles as u32);
-            return Err(WriteError::PageTooLarge { leaf: records[0].split, bytes, splits, triangles });
-        }
-        self.page[1] = NONE_32;
-        self.page[2] = pack(records.len() as u16, children.len() as u16);
-        self.page[3] = pack(roots as u16, (self.entries.len() / ENTRY_WORDS) as u16);
-        self.page[4] = triangles as u32;
-        (self.page[8], self.page[9]) = interval;
-        debug_assert_eq!((self.page.len() - HEADER_WORDS - children.len()) % RECORD_WORDS, 0);
-        self.words.extend(&self.page)?;
-        self.words.extend(&self.entries)?;
-        self.words.extend(&self.corners)?;
-        self.totals.splits += records.len() as u64;
-        self.totals.triangles += triangles as u64;
-        Ok(())
-    }
-
-    fn extend_box(&mut self, leaf: u32, position: [f32; 3]) -> Result<(), BlockingError> {
-        for axis in 0..3 {
-            let value = position[axis];
-            if !value.is_finite() {
-                return Err(BlockingError::Tree { problem: format!("leaf {leaf}: a coordinate is not finite") });
-            }
-            // Not `f32::min`, which may take either of 0.0 and -0.0.
-            if value < self.minimum[axis] {
-                self.minimum[axis] = value;
-            }
-            if value > self.maximum[axis] {
-                self.maximum[axis] = value;
-            }
-        }
-        Ok(())
-    }
-}
-
 /// The reader refuses numbers that are not finite.
 fn check_values(split: u32, switch: f32, radius: f32) -> Result<(), BlockingError> {
     if switch > 0.0 && switch.is_finite() && radius >= 0.0 && radius.is_finite() {
         return Ok(());
     }
     Err(BlockingError::Tree { problem: format!("split {split}: switch value {switch}, radius {radius}") })
-}
-
-/// Where `split`, at a root of one of the child pages, is recorded, as an entry has it.
-fn in_child_page(children: &[Pending], split: u32) -> u32 {
-    // The child pages' roots ascend, within a page and from page to page.
-    let begins_before = |page: &Pending| page.filled.roots().first().is_some_and(|root| root.split <= split);
-    let child = children.partition_point(begins_before).saturating_sub(1);
-    let record = children[child].filled.roots().partition_point(|root| root.split < split);
-    pack(record as u16, child as u16)
-}
-
-/// Where everything will lie.
-struct Layout {
-    roots: Vec<ModelRoot>,
-    root_pages: Vec<PageLocation>,
-    pages_offset: u64,
-    file_length: u64,
-    slot_bytes: u32,
-    levels: u32,
-}
-
-impl Layout {
-    fn of(
-        tree: &StoredTree,
-        pages: &Spool<WaitingPage>,
-        places: &[(u32, u16)],
-        resources: &WriteResources,
-    ) -> Result<Self, WriteError> {
-        // The trees by the page in which they begin.
-        let mut by_page: Vec<(u32, u32)> = (0..).zip(places).map(|(tree, (sequence, _))| (*sequence, tree)).collect();
-        by_page.sort_unstable();
-        let mut locations = vec![PageLocation { number: 0, offset: 0, length: 0 }; places.len()];
-        let mut root_pages = Vec::new();
-        let (mut number, mut offset, mut slot_bytes, mut levels) = (0, 0, 0, 0);
-        let mut reader = pages.reader(resources.share(1));
-        while let Some(page) = reader.next()? {
-            let location = PageLocation { number, offset, length: page.encoded_bytes() };
-            if page.level == 1 {
-                root_pages.push(location);
-            }
-            let first = by_page.partition_point(|(sequence, _)| *sequence < page.sequence);
-            for (_, tree) in by_page[first..].iter().take_while(|(sequence, _)| *sequence == page.sequence) {
-                locations[*tree as usize] = location;
-            }
-            slot_bytes = slot_bytes.max(page.words * 4);
-            levels = page.level;
-            offset += u64::from(location.length);
-            number += 1;
-        }
-        let tables = tree.roots.len() * ROOT_WORDS * 4 + root_pages.len() * ROOT_PAGE_WORDS * 4 + 4;
-        let pages_offset = (HEADER_BYTES + tables) as u64;
-        root_pages.iter_mut().chain(&mut locations).for_each(|location| location.offset += pages_offset);
-        let mut roots = Vec::with_capacity(places.len());
-        for ((root, (_, record)), page) in tree.roots.iter().zip(places).zip(locations) {
-            let (mut split, mut position) = ([Split::VACANT], [[0.0; 3]]);
-            tree.splits.read_at(root.split.into(), &mut split)?;
-            tree.positions.read_at(root.start.into(), &mut position)?;
-            let Split { id, switch, radius, cone, .. } = split[0];
-            check_values(root.split, switch, radius)?;
-            let (start, end) = (root.start, root.end);
-            roots.push(ModelRoot {
-                start,
-                end,
-                position: position[0],
-                id,
-                switch,
-                radius,
-                cone,
-                record: *record,
-                page,
-            });
-        }
-        Ok(Layout { roots, root_pages, pages_offset, file_length: pages_offset + offset, slot_bytes, levels })
-    }
-
-    /// The root table and the root page table, with their checksum.
-    fn tables(&self) -> Vec<u8> {
-        let mut words: Vec<u32> = self.roots.iter().flat_map(ModelRoot::to_words).collect();
-        for PageLocation { number, offset, length } in &self.root_pages {
-            words.extend([*number, *offset as u32, (*offset >> 32) as u32, *length]);
-        }
-        with_checksum(&words)
-    }
 }
 
 /// Words as they are in the file, and behind them their checksum.
@@ -537,63 +262,6 @@ fn with_checksum(words: &[u32]) -> Vec<u8> {
     let checksum = crc32fast::hash(&bytes);
     bytes.extend(checksum.to_le_bytes());
     bytes
-}
-
-/// Writes the pages in their order, with their numbers and places.
-fn append_pages(
-    file: &mut AtomicFile,
-    words: &Spool<u32>,
-    pages: &Spool<WaitingPage>,
-    layout: &Layout,
-    resources: &WriteResources,
-    progress: &mut dyn FnMut(f64),
-) -> Result<(), WriteError> {
-    // Three go through the pages in the same order: the page that is written, its first child, and its parent.
-    let mut reader = pages.reader(resources.share(1));
-    let mut children = pages.reader(resources.share(1));
-    let mut parents = pages.reader(resources.share(1));
-    let (mut child_number, mut child_offset) = (0, layout.pages_offset);
-    for _ in &layout.root_pages {
-        if let Some(root_page) = children.next()? {
-            child_number += 1;
-            child_offset += u64::from(root_page.encoded_bytes());
-        }
-    }
-    // The page that has children still to come, and how many.
-    let (mut parent, mut children_left, mut parent_next) = (0, 0, 0);
-    let mut page_words = Vec::new();
-    let mut number = 0;
-    while let Some(page) = reader.next()? {
-        page_words.resize(page.words as usize, 0);
-        words.read_at(page.first_word, &mut page_words)?;
-        page_words[0] = number;
-        if number >= layout.root_pages.len() as u32 {
-            while children_left == 0
-                && let Some(next) = parents.next()?
-            {
-                (parent, children_left) = (parent_next, next.children);
-                parent_next += 1;
-            }
-            children_left -= 1;
-            page_words[1] = parent;
-        }
-        if page.children > 0 {
-            page_words[5] = child_number;
-            page_words[6] = child_offset as u32;
-            page_words[7] = (child_offset >> 32) as u32;
-            for index in 0..page.children as usize {
-                if let Some(child) = children.next()? {
-                    page_words[HEADER_WORDS + index] = child.encoded_bytes();
-                    child_number += 1;
-                    child_offset += u64::from(child.encoded_bytes());
-                }
-            }
-        }
-        file.append(&with_checksum(&page_words))?;
-        number += 1;
-        progress(0.75 + 0.25 * f64::from(number) / pages.len() as f64);
-    }
-    Ok(())
 }
 
 #[cfg(test)]
@@ -672,6 +340,7 @@ mod tests {
         #[test]
         fn the_model_is_that_of_the_reference(
             plan in plans(6000), blocking in blockings(), memory in prop::sample::select(vec![0_u64, 100_000, 1 << 40]),
+            threads in 1_usize..4,
         ) {
             let tree = random_tree(&plan);
             let expected = MemoryDisk::new();
@@ -680,7 +349,7 @@ mod tests {
                 reference::write::write_model(Arc::new(expected.clone()), path, &tree, &options(blocking)).unwrap();
             let found = MemoryDisk::new();
             let (scratch, _) = Scratch::open(Arc::new(found.clone()), Path::new("scratch"), "test").unwrap();
-            let resources = WriteResources { scratch, memory: ByteSize(memory) };
+            let resources = WriteResources { scratch, memory: ByteSize(memory), threads };
             let mut shares = Vec::new();
             let written = write_model(
                 Arc::new(found.clone()),

@@ -126,7 +126,14 @@ impl AtomicFile {
         Ok(())
     }
 
-    /// Overwrites bytes that were appended before.
+    /// Makes the file so long; what was not written is zero. For a file that is written in any order.
+    pub fn set_length(&mut self, length: u64) -> Result<(), StorageError> {
+        self.flush()?;
+        self.length = length;
+        self.with_file(|file| file.set_length(length))
+    }
+
+    /// Overwrites bytes that were appended before, or that [`AtomicFile::set_length`] made room for.
     pub fn write_at(&mut self, offset: u64, bytes: &[u8]) -> Result<(), StorageError> {
         self.flush()?;
         self.with_file(|file| file.write_at(offset, bytes))

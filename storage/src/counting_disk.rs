@@ -72,6 +72,10 @@ impl WriteFile for CountingWrite {
         Ok(())
     }
 
+    fn set_length(&mut self, length: u64) -> Result<(), StorageError> {
+        self.inner.set_length(length)
+    }
+
     fn write_at(&mut self, offset: u64, bytes: &[u8]) -> Result<(), StorageError> {
         self.inner.write_at(offset, bytes)?;
         self.counters.written.fetch_add(bytes.len() as u64, Ordering::Relaxed);

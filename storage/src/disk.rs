@@ -132,7 +132,10 @@ pub trait WriteFile: Send + Debug {
     /// Appends all of `bytes`.
     fn append(&mut self, bytes: &[u8]) -> Result<(), StorageError>;
 
-    /// Overwrites `bytes.len()` bytes at byte `offset`, which must lie inside what was appended so far.
+    /// Makes the file so long, where it was shorter; the new bytes are zero.
+    fn set_length(&mut self, length: u64) -> Result<(), StorageError>;
+
+    /// Overwrites `bytes.len()` bytes at byte `offset`, which must lie inside the file as it is so far.
     fn write_at(&mut self, offset: u64, bytes: &[u8]) -> Result<(), StorageError>;
 
     /// Waits until everything written has reached the device.
@@ -291,6 +294,21 @@ impl WriteFile for LocalWriteFile {
         Ok(())
     }
 
+    fn set_length(&mut self, length: u64) -> Result<(), StorageError> {
+        use io::{Seek, SeekFrom};
+        let mut lengthen = || {
+            set_aside(&self.file, length)?;
+            self.file.set_len(length)?;
+            self.file.seek(SeekFrom::Start(length))
+        };
+        lengthen().map_err(|error| {
+            let operation = format!("set {length} bytes aside for");
+            StorageError::io(&self.path, operation, error)
+        })?;
+        self.length = length;
+        Ok(())
+    }
+
     fn write_at(&mut self, offset: u64, bytes: &[u8]) -> Result<(), StorageError> {
         use io::{Seek, SeekFrom, Write};
         let mut overwrite = || {
@@ -307,6 +325,25 @@ impl WriteFile for LocalWriteFile {
     fn sync(&mut self) -> Result<(), StorageError> {
         self.file.sync_all().map_err(|error| StorageError::io(&self.path, "flush", error))
     }
+}
+
+/// Has the file system set room aside for so much of a file, where it can, so that a disk that is too full says so before
+/// anything is written.
+fn set_aside(file: &fs::File, length: u64) -> io::Result<()> {
+    #[cfg(target_os = "linux")]
+    {
+        use rustix::fs::{FallocateFlags, fallocate};
+        use rustix::io::Errno;
+        if length > 0 {
+            match fallocate(file, FallocateFlags::empty(), 0, length) {
+                Err(error) if error != Errno::OPNOTSUPP && error != Errno::NOSYS => return Err(error.into()),
+                _ => {}
+            }
+        }
+    }
+    #[cfg(not(target_os = "linux"))]
+    let _ = (file, length);
+    Ok(())
 }
 
 #[derive(Debug)]

@@ -111,6 +111,11 @@ impl WriteFile for FaultyWrite {
         self.inner.append(bytes)
     }
 
+    fn set_length(&mut self, length: u64) -> Result<(), StorageError> {
+        self.plan.write(&self.path, usize::try_from(length).unwrap_or(usize::MAX))?;
+        self.inner.set_length(length)
+    }
+
     fn write_at(&mut self, offset: u64, bytes: &[u8]) -> Result<(), StorageError> {
         self.inner.write_at(offset, bytes)
     }

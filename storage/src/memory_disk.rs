@@ -73,6 +73,11 @@ impl WriteFile for MemoryFile {
         Ok(())
     }
 
+    fn set_length(&mut self, length: u64) -> Result<(), StorageError> {
+        lock(&self.content).resize(usize::try_from(length).unwrap_or(usize::MAX), 0);
+        Ok(())
+    }
+
     fn write_at(&mut self, offset: u64, bytes: &[u8]) -> Result<(), StorageError> {
         let mut content = lock(&self.content);
         let start = usize::try_from(offset).unwrap_or(usize::MAX);

@@ -159,9 +159,11 @@ impl Scratch {
         self.inner.is_overlapped.load(Ordering::Relaxed)
     }
 
-    /// Lets go of the buffers that are kept from one store to the next: when what comes next has the memory for itself.
-    pub fn release_buffers(&self) {
+    /// Lets go of the buffers that are kept from one store to the next, and of freed memory: at the end of a phase, so that
+    /// the next one has all of the memory.
+    pub fn release_memory(&self) {
         self.inner.buffers.clear();
+        crate::usage::trim_freed_memory();
     }
 
     /// Whether there is a disk to go to.

@@ -28,6 +28,17 @@ pub fn return_freed_memory() {
     }
 }
 
+/// Has memory that was freed before, but lies between pieces that are in use, go back to the system as well. It takes a
+/// few milliseconds: something for the end of a phase. (Measured: a build in 256 MiB had 30 MiB of it after the first
+/// phase.) Does nothing where another allocator is at work.
+pub fn trim_freed_memory() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    {
+        // SAFETY: `malloc_trim` may be called at any time and from any thread; it touches free memory only.
+        unsafe { libc::malloc_trim(0) };
+    }
+}
+
 /// Bytes that this process has read and written so far, as the operating system counts them: all that went through its
 /// calls, from and to the disk or the system's cache. `None` where the system does not tell.
 pub fn bytes_read_and_written() -> Option<(u64, u64)> {

@@ -8,6 +8,7 @@
 //! | [`simplify`] | the half-edge collapse engine and what drives it | the paper, 3.1 |
 //! | [`tree`] | the finished view-dependence tree: leaf intervals, ids, born triangles | the paper, 3.3.1, 3.3.5 |
 //! | [`build`] | all of that in a row, within a memory limit | |
+//! | [`workers`] | many jobs by a few threads | |
 //!
 //! "The paper" is El-Sana and Chiang, *External Memory View-Dependent Simplification* (2000).
 
@@ -18,3 +19,4 @@ pub mod mesh;
 pub mod simplify;
 pub mod tree;
 mod vector;
+pub mod workers;

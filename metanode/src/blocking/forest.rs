@@ -126,7 +126,7 @@ impl Slot {
         let mut heap: BinaryHeap<(u32, Subtree)> = BinaryHeap::new();
         for &subtree in subtrees {
             if subtree.is_tree {
-                heap.push((nodes.get(subtree.split)?.id, subtree));
+                heap.push((nodes.split(subtree.split)?.id, subtree));
             } else {
                 taking.words += nodes.split_words(subtree.split)?;
                 taking.taken.push(subtree);
@@ -200,7 +200,7 @@ fn push_children(
     heap: &mut BinaryHeap<(u32, Subtree)>,
 ) -> Result<(), BlockingError> {
     for child in nodes.children(subtree)?.into_iter().flatten() {
-        heap.push((nodes.get(child.split)?.id, child));
+        heap.push((nodes.split(child.split)?.id, child));
     }
     Ok(())
 }

@@ -72,13 +72,6 @@ pub(crate) struct Filled {
     pub groups: Vec<Vec<Subtree>>,
 }
 
-impl Filled {
-    /// The splits at its roots, by ascending leaf.
-    pub fn roots(&self) -> &[Subtree] {
-        &self.records[..self.root_count]
-    }
-}
-
 /// Puts the splits below `roots` for which `is_inside` holds behind them, breadth-first. It is asked once for each child
 /// of a split of the page that splits further, with the child's level in the page; the roots are on level 1.
 fn fill_page(

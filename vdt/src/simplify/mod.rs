@@ -38,7 +38,6 @@ mod rounds;
 mod seams;
 mod spanned;
 mod unsettled;
-mod workers;
 
 pub use spanned::{SpannedCounters, SpannedError};
 use storage::{ByteSize, EdgeTreeKind, Scratch, StorageError};

@@ -40,7 +40,8 @@ use super::records::{Piece, PieceWriter, Span, VertexRecord, read_pieces};
 use super::rounds::{Batch, CYCLE, Histogram, Round, Sample, Schedule, count_keys};
 use super::seams::Seams;
 use super::unsettled::{begin_round, unsettle_seams};
-use super::{SimplifyError, end_phase, initial, workers};
+use super::{SimplifyError, end_phase, initial};
+use crate::workers;
 
 /// An edge that a block or a group could not decide, by the canonical ids of its ends.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -379,6 +380,7 @@ pub(super) fn run<M: CollapseMetric>(
     progress: &mut dyn FnMut(f64),
 ) -> Result<Left<M>, SimplifyError> {
     let Seams { vertices: inboxes, mut histogram } = super::seams::find(mesh, metric, scratch, plan.memory as usize)?;
+    scratch.release_memory();
     let labels = Mutex::new(Labels::new(scratch));
     let mut blocks = Blocks::of(mesh);
     let mut workspaces: Vec<_> = (0..plan.threads).map(|_| Workspace::new(mesh, metric)).collect();
@@ -411,6 +413,7 @@ pub(super) fn run<M: CollapseMetric>(
         }
         // What a pass has read is let go before the seams are written again.
         blocks.contents.clear();
+        scratch.release_memory();
         shared_vertices = Plan::shared_vertices(seams.iter().map(Seam::triangles).sum(), pass.rounds.len());
         let settled = through_groups(plan, &mut workspaces, seams, |workspace, seams, is_last| {
             pass.do_group(workspace, seams, &next, is_last)
@@ -419,6 +422,7 @@ pub(super) fn run<M: CollapseMetric>(
             pieces[usize::from(block)].push(piece);
         }
         blocks = Blocks { contents: pieces.into_iter().map(Content::Pieces).collect(), numbers: next };
+        scratch.release_memory();
         if edges == 0 && schedule.is_dry() {
             // No candidate is left: this was no round at all.
             break;
@@ -443,7 +447,7 @@ pub(super) fn run<M: CollapseMetric>(
     }
     // The memory of blocks is let go before the whole mesh takes it.
     drop(workspaces);
-    scratch.release_buffers();
+    scratch.release_memory();
     let mut workspace = Workspace::new(mesh, metric);
     let all = blocks.contents.iter().flat_map(|content| match content {
         Content::Initial(_) => [].iter(),

@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 /// Does the jobs `0..count`, each by whichever workspace is free, and returns what they came to, in order. After a
 /// failure no job is begun any more, and the first failure is returned.
-pub(super) fn for_each<W: Send, R: Send, E: Send>(
+pub fn for_each<W: Send, R: Send, E: Send>(
     workspaces: &mut [W],
     count: usize,
     work: impl Fn(&mut W, usize) -> Result<R, E> + Sync,

@@ -1,0 +1,108 @@
+//! The way through the page tree, page by page: filled by the blocking, visited, gone on from into its children.
+//!
+//! The first levels are visited breadth-first, until there are enough subtrees to be shared out to threads as jobs; each
+//! of those is visited depth-first, so that what blocking looks up stays within the leaves of ever smaller subtrees. Where
+//! the first levels end depends on the tree alone. Within a level pages are visited from left to right, in either part.
+
+use std::borrow::Cow;
+
+use crate::blocking::{BlockingError, Filled, Filler};
+use crate::leaf_order::{Nodes, Subtree};
+use crate::page::NONE_32;
+
+use super::WriteError;
+
+/// From so many pages in a level on, they are shared out.
+const JOBS: usize = 8;
+/// The most jobs.
+const MOST_JOBS: usize = 256;
+
+/// What a page is handed.
+#[derive(Debug)]
+pub(super) struct Handed {
+    /// Level of the page in the page tree; root pages are on level 1.
+    pub level: u32,
+    /// The number of its parent, or [`NONE_32`].
+    pub parent: u32,
+    /// The subtrees, by ascending leaf.
+    pub subtrees: Vec<Subtree>,
+}
+
+/// Who goes that way.
+pub(super) trait Visitor<'a> {
+    /// What the blocking looks at the tree through.
+    fn nodes(&mut self) -> &mut Nodes<'a>;
+
+    /// Visits a page of a level. `children` are the subtrees at the roots of each of its child pages. Returns the number
+    /// of the page, if the visitor knows.
+    fn page(
+        &mut self,
+        level: u32,
+        parent: u32,
+        page: &Filled,
+        children: &[Cow<'_, [Subtree]>],
+    ) -> Result<u32, WriteError>;
+}
+
+/// Visits the first levels. Returns the jobs: neighbouring pages of the next level, from left to right.
+pub(super) fn first_levels<'a>(
+    visitor: &mut impl Visitor<'a>,
+    filler: Filler,
+    root_groups: Vec<Vec<Subtree>>,
+) -> Result<Vec<Vec<Handed>>, WriteError> {
+    let root_page = |subtrees| Handed { level: 1, parent: NONE_32, subtrees };
+    let mut level: Vec<Handed> = root_groups.into_iter().map(root_page).collect();
+    while level.len() < JOBS && !level.is_empty() {
+        let mut next = Vec::new();
+        for handed in level {
+            next.extend(visit(visitor, filler, handed)?);
+        }
+        level = next;
+    }
+    let count = level.len().div_ceil(MOST_JOBS).max(1);
+    let mut jobs = Vec::with_capacity(level.len().div_ceil(count));
+    let mut rest = level.into_iter().peekable();
+    while rest.peek().is_some() {
+        jobs.push(rest.by_ref().take(count).collect());
+    }
+    Ok(jobs)
+}
+
+/// Visits a page and all below it.
+pub(super) fn depth_first<'a>(
+    visitor: &mut impl Visitor<'a>,
+    filler: Filler,
+    handed: Handed,
+) -> Result<(), WriteError> {
+    let mut stack = vec![handed];
+    while let Some(handed) = stack.pop() {
+        stack.extend(visit(visitor, filler, handed)?.rev());
+    }
+    Ok(())
+}
+
+/// Visits a page. Returns what its child pages are handed.
+fn visit<'a>(
+    visitor: &mut impl Visitor<'a>,
+    filler: Filler,
+    handed: Handed,
+) -> Result<impl DoubleEndedIterator<Item = Handed>, WriteError> {
+    let Handed { level, parent, subtrees } = handed;
+    let page = filler.fill(visitor.nodes(), subtrees)?;
+    let children = page.groups.iter().map(|group| roots(visitor.nodes(), filler, group));
+    let children = children.collect::<Result<Vec<_>, _>>()?;
+    let number = visitor.page(level, parent, &page, &children)?;
+    drop(children);
+    Ok(page.groups.into_iter().map(move |subtrees| Handed { level: level + 1, parent: number, subtrees }))
+}
+
+/// The subtrees at the roots of a page that is handed these. All of them but perhaps whole trees, which may be left to its
+/// child pages: only then it has to be filled to know.
+fn roots<'g>(nodes: &mut Nodes<'_>, filler: Filler, group: &'g [Subtree]) -> Result<Cow<'g, [Subtree]>, BlockingError> {
+    if !group.iter().any(|subtree| subtree.is_tree) {
+        return Ok(Cow::Borrowed(group));
+    }
+    let Filled { root_count, mut records, .. } = filler.fill(nodes, group.to_vec())?;
+    records.truncate(root_count);
+    Ok(Cow::Owned(records))
+}
