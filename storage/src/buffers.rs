@@ -25,7 +25,19 @@ impl Buffers {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         let fitting = (0..kept.len()).filter(|index| kept[*index].capacity() >= blocks);
         let best = fitting.min_by_key(|index| kept[*index].capacity());
-        let mut found = best.map_or_else(|| Vec::with_capacity(blocks), |index| kept.swap_remove(index));
+        let mut found = match best {
+            Some(index) => kept.swap_remove(index),
+            None => {
+                // What is too small makes room, so that in all there is never much more than what was once in use.
+                let mut room = 0;
+                while room < blocks
+                    && let Some(smallest) = smallest(&kept)
+                {
+                    room += kept.swap_remove(smallest).capacity();
+                }
+                Vec::with_capacity(blocks)
+            }
+        };
         drop(kept);
         found.resize(blocks, Block::ZERO);
         Buffer { blocks: found, buffers: self.clone() }
@@ -36,7 +48,7 @@ impl Buffers {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         kept.push(blocks);
         if kept.len() > MOST_KEPT
-            && let Some(smallest) = (0..kept.len()).min_by_key(|index| kept[*index].capacity())
+            && let Some(smallest) = smallest(&kept)
         {
             kept.swap_remove(smallest);
         }
@@ -46,6 +58,11 @@ impl Buffers {
     pub fn clear(&self) {
         self.kept.lock().unwrap_or_else(PoisonError::into_inner).clear();
     }
+}
+
+/// Which of these buffers is the smallest.
+fn smallest(kept: &[Vec<Block>]) -> Option<usize> {
+    (0..kept.len()).min_by_key(|index| kept[*index].capacity())
 }
 
 /// Blocks that are someone's until they are dropped.
