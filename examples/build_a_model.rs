@@ -23,10 +23,9 @@ fn main() -> Result<()> {
         strategy: Strategy::Passes,
         edge_tree: EdgeTreeKind::default(),
     };
-    let (tree, report) =
-        build(&LocalDisk, &[mesh], &options, &storage::Scratch::in_memory(), None, &mut |phase, share| {
-            eprint!("\r{phase:?} {:.0} %   ", 100.0 * share);
-        })?;
+    let (tree, report) = build(&LocalDisk, &[mesh], &options, &storage::Scratch::in_memory(), None, &mut |step| {
+        eprint!("\r{:?} {:.0} %   ", step.phase, 100.0 * step.share);
+    })?;
 
     let options = ModelOptions { blocking: Blocking::default(), metric: options.metric, strategy: options.strategy };
     let resources = WriteResources::in_memory();

@@ -27,7 +27,7 @@ pub fn build_model(mesh: &Path, strategy: Strategy) -> Result<Model> {
     let edge_tree = EdgeTreeKind::default();
     let options = BuildOptions { memory: MEMORY, threads: 1, metric, strategy, edge_tree };
     let paths = [mesh.to_path_buf()];
-    let (tree, _) = build(&LocalDisk, &paths, &options, &Scratch::in_memory(), None, &mut |_, _| ())?;
+    let (tree, _) = build(&LocalDisk, &paths, &options, &Scratch::in_memory(), None, &mut |_| ())?;
     let disk: Arc<dyn Disk> = Arc::new(MemoryDisk::new());
     let path = PathBuf::from("model.vdt");
     let model_options = ModelOptions { blocking: Blocking::default(), metric, strategy };

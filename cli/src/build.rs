@@ -1,7 +1,7 @@
 //! `vdt build`: from mesh files to a model.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Instant, UNIX_EPOCH};
 
 use anyhow::{Context, Result, bail};
@@ -10,7 +10,7 @@ use metanode::{ModelOptions, ModelSummary, WriteResources, write_model};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use storage::{ByteSize, CountingDisk, Disk, LocalDisk, Scratch};
-use vdt::build::{BuildOptions, BuildReport, Estimate, Phase, PhaseWatch, build, estimate};
+use vdt::build::{BuildOptions, BuildReport, Estimate, Phase, PhaseWatch, Step, build, estimate};
 use vdt::ingest::{self, CleaningCounts};
 
 use crate::arguments;
@@ -45,16 +45,14 @@ pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
         scratch.overlap();
     }
     let progress = BuildProgress::new();
-    let (tree, report) = build(&disk, &options.meshes, &build_options, &scratch, resumed, &mut |phase, share| {
-        progress.show(phase, share);
-    })?;
+    let (tree, report) =
+        build(&disk, &options.meshes, &build_options, &scratch, resumed, &mut |step| progress.show(step))?;
     let watch = PhaseWatch::start();
     let model_options = ModelOptions { blocking: options.blocking, metric: options.metric, strategy: options.strategy };
-    progress.show(Phase::Writing, 0.0);
     let (vertices, triangles, roots) = (tree.leaf_count(), tree.triangles.len(), tree.roots.len() as u64);
     let resources = WriteResources { scratch: scratch.clone(), memory: options.memory, threads: build_options.threads };
     let model = write_model(Arc::new(disk.clone()), output, &tree, &model_options, &resources, &mut |share| {
-        progress.show(Phase::Writing, share);
+        progress.show(Step { phase: Phase::Writing, share, triangles });
     })?;
     drop(resources);
     drop(tree);
@@ -336,24 +334,37 @@ fn share_of(phase: Phase) -> (f64, f64) {
     }
 }
 
-/// A bar over the whole build.
+/// A bar over the whole build, with the rate of the phase that goes on.
 #[derive(Debug)]
 struct BuildProgress {
     bar: Progress,
+    /// The phase, and since when it goes on.
+    phase: Mutex<(Phase, Instant)>,
 }
 
 impl BuildProgress {
     fn new() -> Self {
-        BuildProgress { bar: Progress::new("reading") }
+        BuildProgress { bar: Progress::new("reading"), phase: Mutex::new((Phase::Reading, Instant::now())) }
     }
 
-    fn show(&self, phase: Phase, share: f64) {
-        self.bar.phase(match phase {
+    fn show(&self, Step { phase, share, triangles }: Step) {
+        let mut at = self.phase.lock().unwrap_or_else(PoisonError::into_inner);
+        if at.0 != phase {
+            *at = (phase, Instant::now());
+        }
+        let seconds = at.1.elapsed().as_secs_f64();
+        let name = match phase {
             Phase::Reading => "reading",
             Phase::Simplifying => "simplifying",
             Phase::Numbering => "numbering",
             Phase::Writing => "writing",
-        });
+        };
+        let rate = triangles as f64 * share / seconds.max(1e-3);
+        if triangles > 0 && seconds > 0.5 {
+            self.bar.phase(format!("{name}, {:.0} K triangles/s", rate / 1e3));
+        } else {
+            self.bar.phase(name);
+        }
         let (start, length) = share_of(phase);
         self.bar.show(start + length * share);
     }

@@ -1,5 +1,6 @@
 //! Progress on standard error, when that is a terminal; nothing otherwise.
 
+use std::borrow::Cow;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
@@ -17,7 +18,7 @@ impl Progress {
     /// Begins a bar. indicatif draws it on standard error, and only if that is a terminal.
     pub fn new(what: &'static str) -> Self {
         let bar = ProgressBar::new(STEPS);
-        if let Ok(style) = ProgressStyle::with_template("{msg:12} {wide_bar} {percent:>3} %  {eta:>5} left") {
+        if let Ok(style) = ProgressStyle::with_template("{msg:31} {wide_bar} {percent:>3} %  {eta:>5} left") {
             bar.set_style(style);
         }
         bar.set_message(what);
@@ -34,7 +35,7 @@ impl Progress {
     }
 
     /// Names what is being done.
-    pub fn phase(&self, what: &'static str) {
+    pub fn phase(&self, what: impl Into<Cow<'static, str>>) {
         self.bar.set_message(what);
     }
 

@@ -23,12 +23,13 @@ impl Buffers {
     /// A buffer of so many blocks, with anything in them.
     pub fn take(self: &Arc<Self>, blocks: usize) -> Buffer {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let fitting = (0..kept.len()).filter(|index| kept[*index].capacity() >= blocks);
+        // Not a much larger one: whoever asked was given so many bytes.
+        let fitting = (0..kept.len()).filter(|index| (blocks..=2 * blocks).contains(&kept[*index].capacity()));
         let best = fitting.min_by_key(|index| kept[*index].capacity());
         let mut found = match best {
             Some(index) => kept.swap_remove(index),
             None => {
-                // What is too small makes room, so that in all there is never much more than what was once in use.
+                // What does not fit makes room, so that in all there is never much more than what was once in use.
                 let mut room = 0;
                 while room < blocks
                     && let Some(smallest) = smallest(&kept)

@@ -434,10 +434,9 @@ impl Cursor {
             let full = match self.ahead.take() {
                 Some(ahead) => ahead.wait()?,
                 None => {
-                    let mut buffer = match self.buffer.take() {
-                        Some(emptied) if emptied.len() == blocks => emptied,
-                        _ => file.buffer(blocks),
-                    };
+                    // The one that is emptied goes back first: it is what is taken.
+                    self.buffer = None;
+                    let mut buffer = file.buffer(blocks);
                     file.read(block, &mut buffer)?;
                     buffer
                 }

@@ -89,6 +89,17 @@ pub struct PhaseCost {
     pub bytes_written: u64,
 }
 
+/// How far a build is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Step {
+    /// Where it is.
+    pub phase: Phase,
+    /// The share of the phase that is done, 0 to 1.
+    pub share: f64,
+    /// Triangles that the phase has to do; 0 while they are being counted.
+    pub triangles: u64,
+}
+
 /// A watch over what a phase takes.
 #[derive(Debug)]
 pub struct PhaseWatch {
@@ -191,14 +202,14 @@ enum Checkpoint {
 /// Builds the view-dependence tree of the mesh in `paths` (several files are one mesh).
 ///
 /// `resumed` is the checkpoint of an earlier process, as [`Scratch::open`] gave it for the same files and options.
-/// `progress` is told of each phase when it begins, and of the share of it that is done, 0 to 1.
+/// `progress` is told of each phase when it begins, and how far it is.
 pub fn build(
     disk: &dyn Disk,
     paths: &[PathBuf],
     options: &BuildOptions,
     scratch: &Scratch,
     resumed: Option<serde_json::Value>,
-    progress: &mut dyn FnMut(Phase, f64),
+    progress: &mut (dyn FnMut(Step) + Send),
 ) -> Result<(StoredTree, BuildReport), BuildError> {
     let BuildOptions { memory, threads, metric, strategy, edge_tree } = *options;
     let mut phases = Vec::new();
@@ -209,11 +220,13 @@ pub fn build(
         }
         Some(Checkpoint::Read(mesh)) => (StoredMesh::reopen(scratch, &mesh)?, None),
         None => {
-            progress(Phase::Reading, 0.0);
+            progress(Step { phase: Phase::Reading, share: 0.0, triangles: 0 });
             let watch = PhaseWatch::start();
             let block_triangles = simplify::block_triangles(memory, threads);
             let plan = IngestPlan { memory, threads, block_triangles };
-            let mut mesh = ingest::store(disk, scratch, paths, &plan, &mut |share| progress(Phase::Reading, share))?;
+            let mut mesh = ingest::store(disk, scratch, paths, &plan, &mut |share| {
+                progress(Step { phase: Phase::Reading, share, triangles: 0 });
+            })?;
             if mesh.is_on_disk() {
                 let kept = mesh.keep(scratch)?;
                 let files = kept.files().collect();
@@ -224,14 +237,15 @@ pub fn build(
         }
     };
     let mut mesh = mesh;
+    let triangles = mesh.triangles.len();
     let simplified = match simplified {
         Some(simplified) => simplified,
         None => {
-            progress(Phase::Simplifying, 0.0);
+            progress(Step { phase: Phase::Simplifying, share: 0.0, triangles });
             let watch = PhaseWatch::start();
             let simplify_options = SimplifyOptions { metric, strategy, memory, threads, edge_tree };
             let mut simplified = simplify::simplify(&mesh, &simplify_options, scratch, &mut |share| {
-                progress(Phase::Simplifying, share);
+                progress(Step { phase: Phase::Simplifying, share, triangles });
             })?;
             if mesh.is_on_disk() {
                 let (kept_mesh, kept) = (mesh.keep(scratch)?, simplified.keep(scratch)?);
@@ -242,7 +256,7 @@ pub fn build(
             simplified
         }
     };
-    progress(Phase::Numbering, 0.0);
+    progress(Step { phase: Phase::Numbering, share: 0.0, triangles });
     let watch = PhaseWatch::start();
     let mut report = BuildReport {
         files: mesh.files,
@@ -253,7 +267,9 @@ pub fn build(
         spanned: simplified.spanned,
         phases: Vec::new(),
     };
-    let tree = finish(mesh, simplified, scratch, memory, threads, &mut |share| progress(Phase::Numbering, share))?;
+    let tree = finish(mesh, simplified, scratch, memory, threads, &mut |share| {
+        progress(Step { phase: Phase::Numbering, share, triangles });
+    })?;
     phases.push(watch.cost(Phase::Numbering));
     report.phases = phases;
     Ok((tree, report))

@@ -120,7 +120,7 @@ pub fn simplify(
     mesh: &StoredMesh,
     options: &SimplifyOptions,
     scratch: &Scratch,
-    progress: &mut dyn FnMut(f64),
+    progress: &mut (dyn FnMut(f64) + Send),
 ) -> Result<Simplified, SimplifyError> {
     // What the mesh holds in RAM is not there for anything else.
     let memory = options.memory.0.saturating_sub(mesh.ram_bytes());
@@ -147,7 +147,7 @@ fn simplify_spanned(
     kind: EdgeTreeKind,
     memory: ByteSize,
     scratch: &Scratch,
-    progress: &mut dyn FnMut(f64),
+    progress: &mut (dyn FnMut(f64) + Send),
 ) -> Result<(Simplified, SpannedCounters), SimplifyError> {
     let shares = Shares::new(memory, kind);
     match metric {
@@ -162,7 +162,7 @@ fn run_spanned<M: CollapseMetric>(
     kind: EdgeTreeKind,
     shares: Shares,
     scratch: &Scratch,
-    progress: &mut dyn FnMut(f64),
+    progress: &mut (dyn FnMut(f64) + Send),
 ) -> Result<(Simplified, SpannedCounters), SimplifyError> {
     let journal = Journal::new(scratch, mesh.triangles.len(), shares.memory.0 as usize / 16);
     let task = Task { mesh, metric, kind, shares, scratch };
@@ -175,7 +175,7 @@ fn run<M: CollapseMetric>(
     strategy: Strategy,
     plan: Plan,
     scratch: &Scratch,
-    progress: &mut dyn FnMut(f64),
+    progress: &mut (dyn FnMut(f64) + Send),
 ) -> Result<Simplified, SimplifyError> {
     let triangles = mesh.triangles.len();
     let journal = Journal::new(scratch, triangles, plan.memory as usize / 16);

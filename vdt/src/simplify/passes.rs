@@ -377,7 +377,7 @@ pub(super) fn run<M: CollapseMetric>(
     scratch: &Scratch,
     journal: &Journal,
     schedule: &mut Schedule,
-    progress: &mut dyn FnMut(f64),
+    progress: &mut (dyn FnMut(f64) + Send),
 ) -> Result<Left<M>, SimplifyError> {
     let Seams { vertices: inboxes, mut histogram } = super::seams::find(mesh, metric, scratch, plan.memory as usize)?;
     scratch.release_memory();
@@ -386,6 +386,11 @@ pub(super) fn run<M: CollapseMetric>(
     let mut workspaces: Vec<_> = (0..plan.threads).map(|_| Workspace::new(mesh, metric)).collect();
     schedule.begin_cycle(histogram.take_limits(), blocks.triangles());
     let mut shared_vertices = mesh.seam_vertices.len();
+    let progress = Mutex::new(progress);
+    let tell = || {
+        let share = journal.collapses() as f64 / mesh.positions.len().max(1) as f64;
+        (progress.lock().unwrap_or_else(PoisonError::into_inner))(share);
+    };
     while !schedule.is_cycle_over() && (schedule.done == 0 || blocks.triangles() > plan.core_triangles) {
         let rounds = schedule.next_rounds(plan.pass_rounds(blocks.contents.len(), shared_vertices));
         let pass = Pass {
@@ -400,7 +405,9 @@ pub(super) fn run<M: CollapseMetric>(
         let results = workers::for_each(&mut workspaces, blocks.contents.len(), |workspace, number| {
             workspace.clear();
             load_block(workspace, &pass, &blocks, number, &inboxes, &labels)?;
-            pass.do_block(workspace, number as u16)
+            let done = pass.do_block(workspace, number as u16);
+            tell();
+            done
         })?;
         let edges: usize = results.iter().map(|(_, _, edges)| edges).sum();
         let next = merge(&results, plan.block_triangles);
@@ -416,7 +423,9 @@ pub(super) fn run<M: CollapseMetric>(
         scratch.release_memory();
         shared_vertices = Plan::shared_vertices(seams.iter().map(Seam::triangles).sum(), pass.rounds.len());
         let settled = through_groups(plan, &mut workspaces, seams, |workspace, seams, is_last| {
-            pass.do_group(workspace, seams, &next, is_last)
+            let done = pass.do_group(workspace, seams, &next, is_last);
+            tell();
+            done
         })?;
         for (block, piece) in settled.into_iter().flatten() {
             pieces[usize::from(block)].push(piece);
@@ -428,7 +437,6 @@ pub(super) fn run<M: CollapseMetric>(
             break;
         }
         schedule.advance(&pass.rounds);
-        progress(journal.collapses() as f64 / mesh.positions.len().max(1) as f64);
         if let Some(sample) = pass.sample {
             let mut limits = pass.histogram.into_inner().unwrap_or_else(PoisonError::into_inner).take_limits();
             if limits.is_none() && sample != Sample::ALL {

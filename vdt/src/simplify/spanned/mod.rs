@@ -240,7 +240,7 @@ impl<M: CollapseMetric> Task<'_, M> {
 pub(super) fn run<M: CollapseMetric>(
     task: &Task<'_, M>,
     journal: Journal,
-    progress: &mut dyn FnMut(f64),
+    progress: &mut (dyn FnMut(f64) + Send),
 ) -> Result<(Simplified, SpannedCounters), SpannedError> {
     let Task { mesh, shares, scratch, .. } = task;
     let progress = &mut |journal: &Journal| progress(journal.collapses() as f64 / mesh.positions.len().max(1) as f64);

@@ -37,6 +37,8 @@ mod born_triangles;
 mod identifiers;
 mod numbering;
 
+use std::sync::{Mutex, PoisonError};
+
 use storage::{ByteSize, PagedArray, Scatter, Scattered, Scratch, Spool, SpoolWriter, StorageError};
 use thiserror::Error;
 
@@ -116,7 +118,7 @@ pub fn finish(
     scratch: &Scratch,
     memory: ByteSize,
     threads: usize,
-    progress: &mut dyn FnMut(f64),
+    progress: &mut (dyn FnMut(f64) + Send),
 ) -> Result<StoredTree, FinishError> {
     let StoredMesh { positions, triangles, origin, .. } = mesh;
     let Simplified { log, deaths, roots, .. } = simplified;
@@ -128,31 +130,56 @@ pub fn finish(
         _ => return Err(wrong),
     };
     let total = 4 * vertices + 2 * triangles.len();
-    let work = &mut Work { leaf_count, scratch, shares: Shares::of(memory), threads, progress, done: 0, total };
+    let shares = Shares::of(memory, vertices * size_of::<u32>() as u64, threads);
+    let report = Report { total, work: Mutex::new((0, progress)) };
+    let work = Work { leaf_count, scratch, shares, threads, report: &report, done: 0 };
 
     let outward: Vec<i8> = roots.iter().map(|root| root.outward).collect();
     let mut leaf_of = PagedArray::new(scratch, "leaf-of-vertex", vertices, UNNUMBERED, work.shares.leaf_of)?;
     let roots = place_roots(&roots, leaf_count, &mut leaf_of)?;
-    let (keys, splits) = numbering::number(&log, &mut leaf_of, work)?;
+    let (keys, splits) = numbering::number(&log, &mut leaf_of, &mut work.clone())?;
     drop(log);
-    let ranks = identifiers::rank(keys, work)?;
-    let splits = complete_splits(splits, ranks, &roots, &outward, work)?;
-    let positions = in_leaf_order(positions, &mut leaf_of, work)?;
-    let sorted = born_triangles::sort(triangles, deaths, leaf_of, work)?;
-    let (triangle_counts, triangles) = born_triangles::write(sorted, work)?;
+    let identify = || {
+        let work = &mut work.clone();
+        let ranks = identifiers::rank(keys, work)?;
+        complete_splits(splits, ranks, &roots, &outward, work)
+    };
+    let bear = || {
+        let work = &mut work.clone();
+        let positions = in_leaf_order(positions, &mut leaf_of, work)?;
+        let sorted = born_triangles::sort(triangles, deaths, leaf_of, work)?;
+        Ok((positions, born_triangles::write(sorted, work)?))
+    };
+    let (splits, born): (_, Result<_, FinishError>) = if work.shares.are_for_two {
+        std::thread::scope(|scope| {
+            let identified = scope.spawn(identify);
+            let born = bear();
+            (identified.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)), born)
+        })
+    } else {
+        (identify(), bear())
+    };
+    let (splits, (positions, (triangle_counts, triangles))) = (splits?, born?);
     Ok(StoredTree { positions, splits, triangle_counts, triangles, roots, origin })
 }
 
 /// What all steps are given.
+#[derive(Clone)]
 struct Work<'a> {
     leaf_count: u32,
     scratch: &'a Scratch,
     shares: Shares,
     threads: usize,
-    progress: &'a mut dyn FnMut(f64),
-    /// Records done so far, over all steps.
+    report: &'a Report<'a>,
+    /// Records done so far by this step.
     done: u64,
+}
+
+/// How far all steps are together.
+struct Report<'a> {
     total: u64,
+    /// Records done so far, and who is told.
+    work: Mutex<(u64, &'a mut (dyn FnMut(f64) + Send))>,
 }
 
 impl Work<'_> {
@@ -161,28 +188,39 @@ impl Work<'_> {
     fn step(&mut self) {
         self.done += 1;
         if self.done & 0xffff == 0 {
-            (self.progress)(self.done as f64 / self.total as f64);
+            self.tell();
         }
+    }
+
+    #[cold]
+    fn tell(&self) {
+        let (done, progress) = &mut *self.report.work.lock().unwrap_or_else(PoisonError::into_inner);
+        *done += 0x1_0000;
+        progress(*done as f64 / self.report.total as f64);
     }
 }
 
 /// In the table of leaves: a vertex whose leaf is not known yet.
 const UNNUMBERED: u32 = u32::MAX;
 
-/// Who gets how many bytes of RAM. A step begins when the one before it has let go of its share.
+/// Who gets how many bytes of RAM. A step begins when the one before it has let go of its share. Ids and splits on the one
+/// hand, positions and triangles on the other, have nothing to do with each other: with two threads they are done side by
+/// side, where the table of leaves leaves enough for both.
 ///
-/// | share | /16 of memory | held from | to |
-/// |---|---|---|---|
-/// | `leaf_of` | 9 | numbering | sorting of triangles |
-/// | `log` | 1 | numbering | |
-/// | `keys` | 2 | numbering | ranking |
-/// | `partial_splits` | 3 | numbering | completing of splits |
-/// | `ranks` | 2 | ranking | completing of splits |
-/// | `moved_positions` | 4 | positions | |
-/// | `input` | 1 | positions | sorting of triangles |
-/// | `born_triangles` | 4 | sorting of triangles | writing of triangles |
-/// | the four of the finished tree | 2 | | the end |
+/// | share | /16 of memory | side by side | held from | to |
+/// |---|---|---|---|---|
+/// | `leaf_of` | 9 | 6 | numbering | sorting of triangles |
+/// | `log` | 1 | 1 | numbering | |
+/// | `keys` | 2 | 1 | numbering | ranking |
+/// | `partial_splits` | 3 | 2 | numbering | completing of splits |
+/// | `ranks` | 2 | 1 | ranking | completing of splits |
+/// | `moved_positions` | 4 | 2 | positions | |
+/// | `input` | 1 | 1 | positions | sorting of triangles |
+/// | `born_triangles` | 4 | 3 | sorting of triangles | writing of triangles |
+/// | the four of the finished tree | 2 | 2 | | the end |
+#[derive(Clone, Copy)]
 struct Shares {
+    are_for_two: bool,
     leaf_of: usize,
     log: usize,
     keys: usize,
@@ -198,20 +236,23 @@ struct Shares {
 }
 
 impl Shares {
-    fn of(memory: ByteSize) -> Self {
+    /// Of so much memory, where the table of leaves has so many bytes.
+    fn of(memory: ByteSize, table_bytes: u64, threads: usize) -> Self {
+        let are_for_two = threads > 1 && table_bytes <= memory.0 / 16 * 6;
         let memory = usize::try_from(memory.0).unwrap_or(usize::MAX);
-        let sixteenth = memory / 16;
+        let share = |alone: usize, side_by_side: usize| memory / 16 * if are_for_two { side_by_side } else { alone };
         // By their sizes, with two triangles for each leaf: 24, 12, 24 and 4 bytes for a leaf.
         let of_tree = |bytes: usize| memory / 8 / 64 * bytes;
         Shares {
-            leaf_of: 9 * sixteenth,
-            log: sixteenth,
-            keys: 2 * sixteenth,
-            partial_splits: 3 * sixteenth,
-            ranks: 2 * sixteenth,
-            moved_positions: 4 * sixteenth,
-            input: sixteenth,
-            born_triangles: 4 * sixteenth,
+            are_for_two,
+            leaf_of: share(9, 6),
+            log: share(1, 1),
+            keys: share(2, 1),
+            partial_splits: share(3, 2),
+            ranks: share(2, 1),
+            moved_positions: share(4, 2),
+            input: share(1, 1),
+            born_triangles: share(4, 3),
             splits: of_tree(24),
             positions: of_tree(12),
             triangles: of_tree(24),
