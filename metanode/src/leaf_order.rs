@@ -81,6 +81,11 @@ impl<S: Source> Cache<S> {
         Cache { source, frame_of, frames: Vec::new(), records: Vec::new(), most_frames, hand: 0 }
     }
 
+    /// Whether so many records fit in it.
+    pub fn holds(&self, records: usize) -> bool {
+        records <= self.most_frames * S::STRETCH
+    }
+
     /// The record with this number, which must exist.
     #[inline]
     pub fn get(&mut self, number: u32) -> Result<S::Record, StorageError> {
@@ -226,6 +231,11 @@ impl<'a> Nodes<'a> {
     pub fn new(tree: &'a StoredTree, sums: &'a Sums, ram_bytes: usize) -> Self {
         let source = NodeSource { tree, sums, splits: Vec::new(), counts: Vec::new() };
         Nodes { cache: Cache::new(source, ram_bytes) }
+    }
+
+    /// Whether so many of them can be looked up again and again without being read again.
+    pub fn holds(&self, nodes: usize) -> bool {
+        self.cache.holds(nodes)
     }
 
     /// The split born at a leaf.

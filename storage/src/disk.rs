@@ -302,7 +302,7 @@ impl WriteFile for LocalWriteFile {
             self.file.seek(SeekFrom::Start(length))
         };
         lengthen().map_err(|error| {
-            let operation = format!("set {length} bytes aside for");
+            let operation = format!("write {length} bytes to");
             StorageError::io(&self.path, operation, error)
         })?;
         self.length = length;

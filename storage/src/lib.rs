@@ -12,7 +12,6 @@
 //! | [`counting_disk`] | a disk that counts what passes through it |
 //! | [`sequential`] | buffered reading of a file from front to back |
 //! | [`byte_size`] | sizes as people write them: `16M`, `1.5G` |
-//! | [`budget`] | RAM that several parts of a program share, reserved before it is taken |
 //! | [`scratch`] | where temporary data goes |
 //! | [`spool`] | sequences of records: in RAM while they are small, in scratch files beyond |
 //! | [`sorter`] | external sorting |
@@ -26,7 +25,6 @@
 
 pub mod atomic_file;
 mod background;
-pub mod budget;
 mod buffers;
 pub mod byte_size;
 pub mod counting_disk;
@@ -47,7 +45,6 @@ pub mod spool;
 pub mod usage;
 
 pub use atomic_file::{AtomicFile, Standstill, remove_unfinished};
-pub use budget::{Budget, BudgetError, Reservation};
 pub use byte_size::ByteSize;
 pub use counting_disk::CountingDisk;
 pub use disk::{Block, Disk, LocalDisk, ReadAt, ScratchFile, StorageError, WriteFile};

@@ -66,6 +66,20 @@ pub enum BuildError {
     /// The scratch failed.
     #[error(transparent)]
     Storage(#[from] StorageError),
+    /// The mesh cannot be simplified in so little memory.
+    #[error(
+        "{triangles} triangles need {needed} of RAM to be simplified, and {memory} are allowed; \
+         run again with --memory {}",
+        needed.as_argument()
+    )]
+    Memory {
+        /// Triangles of the mesh.
+        triangles: u64,
+        /// What would do.
+        needed: ByteSize,
+        /// What is allowed.
+        memory: ByteSize,
+    },
     /// What the build had come to could not be written down.
     #[error("the state of the build cannot be written down: {problem}")]
     Checkpoint {
@@ -164,8 +178,6 @@ pub struct Estimate {
 const PROGRAM_BYTES: u64 = 5 << 20;
 /// Bytes for each triangle at the peak of a build that touches no disk.
 const CORE_BYTES: u64 = 140;
-/// Scratch for each triangle at the peak, in bytes.
-const SCRATCH_BYTES: u64 = 130;
 /// CPU time for each triangle, in core and with a scratch, in nanoseconds.
 const CPU_NANOSECONDS: [f64; 2] = [1500.0, 2200.0];
 
@@ -184,7 +196,11 @@ pub fn estimate(counts: FileCounts, options: &BuildOptions) -> Estimate {
     Estimate {
         peak_bytes: PROGRAM_BYTES + in_core.min(memory),
         smallest_memory: ByteSize(simplify.max(reading)),
-        scratch_bytes: if is_external { counts.triangles * SCRATCH_BYTES } else { 0 },
+        scratch_bytes: if is_external {
+            simplify::scratch_bytes(counts.triangles, options.memory, options.threads)
+        } else {
+            0
+        },
         cpu_seconds: counts.triangles as f64 * CPU_NANOSECONDS[usize::from(is_external)] * 1e-9,
     }
 }
@@ -238,6 +254,10 @@ pub fn build(
     };
     let mut mesh = mesh;
     let triangles = mesh.triangles.len();
+    let needed = simplify::smallest_memory(triangles, threads);
+    if needed > memory {
+        return Err(BuildError::Memory { triangles, needed, memory });
+    }
     let simplified = match simplified {
         Some(simplified) => simplified,
         None => {

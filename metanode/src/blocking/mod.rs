@@ -62,7 +62,7 @@ pub enum BlockingError {
 }
 
 /// A page that was filled: its splits, and what it leaves for its child pages.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Filled {
     /// How many of its splits are at its roots: those whose parents are in another page, or that are roots of trees.
     pub root_count: usize,

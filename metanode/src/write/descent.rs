@@ -33,6 +33,9 @@ pub(super) trait Visitor<'a> {
     /// What the blocking looks at the tree through.
     fn nodes(&mut self) -> &mut Nodes<'a>;
 
+    /// Fills a page of a level.
+    fn fill(&mut self, filler: Filler, level: u32, subtrees: Vec<Subtree>) -> Result<Filled, BlockingError>;
+
     /// Visits a page of a level. `children` are the subtrees at the roots of each of its child pages. Returns the number
     /// of the page, if the visitor knows.
     fn page(
@@ -88,7 +91,7 @@ fn visit<'a>(
     handed: Handed,
 ) -> Result<impl DoubleEndedIterator<Item = Handed>, WriteError> {
     let Handed { level, parent, subtrees } = handed;
-    let page = filler.fill(visitor.nodes(), subtrees)?;
+    let page = visitor.fill(filler, level, subtrees)?;
     let children = page.groups.iter().map(|group| roots(visitor.nodes(), filler, group));
     let children = children.collect::<Result<Vec<_>, _>>()?;
     let number = visitor.page(level, parent, &page, &children)?;

@@ -143,6 +143,13 @@ impl<'a> Visitor<'a> for Encoder<'a> {
         &mut self.nodes
     }
 
+    fn fill(&mut self, filler: Filler, level: u32, subtrees: Vec<Subtree>) -> Result<Filled, BlockingError> {
+        match self.layout.large.get(&(level, subtrees[0].start)) {
+            Some(page) => Ok(page.clone()),
+            None => filler.fill(&mut self.nodes, subtrees),
+        }
+    }
+
     fn page(
         &mut self,
         level: u32,

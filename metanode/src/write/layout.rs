@@ -7,6 +7,7 @@
 //! for each page are sorted, 8 are kept.
 
 use std::borrow::Cow;
+use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};
 
 use bytemuck::{Pod, Zeroable};
@@ -16,10 +17,13 @@ use vdt::workers;
 
 use super::descent::{self, Handed, Visitor};
 use super::{Totals, WriteError, WriteResources, check_values};
-use crate::blocking::{Filled, Filler};
+use crate::blocking::{BlockingError, Filled, Filler};
 use crate::header::{HEADER_BYTES, LARGEST_SLOT_BYTES, ModelRoot, ROOT_PAGE_WORDS, ROOT_WORDS};
 use crate::leaf_order::{Nodes, Subtree, Sums};
 use crate::page::{CHILD_PAGE_WORDS, HEADER_WORDS, PageLocation};
+
+/// A page is large whose leaves, so many times over, the cache cannot hold: that of the second way is smaller.
+const LARGE: usize = 3;
 
 /// A page that waits for its place. Ordered as pages lie in the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
@@ -87,6 +91,9 @@ pub(super) struct Layout {
     pub totals: Totals,
     /// The sums of the tree.
     pub sums: Sums,
+    /// Pages near the root of the page tree as they were filled, by level and first leaf of what they were handed. To fill
+    /// one of them takes looking all over a part of the tree that is larger than the cache, several times: not once more.
+    pub large: HashMap<(u32, u32), Filled>,
 }
 
 /// Fills the pages, and measures them.
@@ -96,11 +103,21 @@ struct Measurer<'a> {
     waiting: &'a Mutex<Sorter<WaitingPage>>,
     places: Vec<RootPlace>,
     totals: Totals,
+    large: HashMap<(u32, u32), Filled>,
 }
 
 impl<'a> Visitor<'a> for Measurer<'a> {
     fn nodes(&mut self) -> &mut Nodes<'a> {
         &mut self.nodes
+    }
+
+    fn fill(&mut self, filler: Filler, level: u32, subtrees: Vec<Subtree>) -> Result<Filled, BlockingError> {
+        let (start, end) = (subtrees[0].start, subtrees[subtrees.len() - 1].end);
+        let page = filler.fill(&mut self.nodes, subtrees)?;
+        if !self.nodes.holds((end - start) as usize * LARGE) {
+            self.large.insert((level, start), page.clone());
+        }
+        Ok(page)
     }
 
     fn page(&mut self, level: u32, _: u32, page: &Filled, children: &[Cow<'_, [Subtree]>]) -> Result<u32, WriteError> {
@@ -147,6 +164,7 @@ impl Layout {
                 waiting: &waiting,
                 places: Vec::new(),
                 totals: Totals::default(),
+                large: HashMap::new(),
             })
             .collect();
         let jobs = descent::first_levels(&mut measurers[0], filler, root_groups)?;
@@ -161,15 +179,17 @@ impl Layout {
             }
             Ok::<_, WriteError>(())
         })?;
-        let (mut places, mut totals) = (Vec::new(), Totals::default());
+        let (mut places, mut totals, mut large) = (Vec::new(), Totals::default(), HashMap::new());
         for measurer in measurers {
             places.extend(measurer.places);
+            large.extend(measurer.large);
             totals.splits += measurer.totals.splits;
             totals.triangles += measurer.totals.triangles;
         }
         places.sort_unstable();
         let waiting = waiting.into_inner().unwrap_or_else(PoisonError::into_inner);
-        Self::place(tree, sums, waiting, &places, &first_leaves, totals, resources)
+        let layout = Self::place(tree, sums, waiting, &places, &first_leaves, totals, resources)?;
+        Ok(Layout { large, ..layout })
     }
 
     /// Gives each page its number and place.
@@ -241,6 +261,7 @@ impl Layout {
             jobs_start,
             totals,
             sums,
+            large: HashMap::new(),
         })
     }
 

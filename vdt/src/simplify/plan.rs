@@ -68,6 +68,14 @@ impl Plan {
         SEAM_WIDTHS.into_iter().find(|(_, width)| fits(*width)).map_or(1, |(rounds, _)| rounds).min(self.most_rounds)
     }
 
+    /// How many rounds the first pass over so many triangles will have: blocks are a sixth smaller than they may be, and
+    /// their borders run through twice the root of their triangles in vertices (measured on terrain).
+    pub fn expected_rounds(&self, triangles: u64) -> usize {
+        let blocks = (triangles as f64 / self.block_triangles as f64 * 1.2).ceil();
+        let shared_vertices = 2.0 * (triangles as f64 * blocks).sqrt();
+        self.pass_rounds(blocks as usize, shared_vertices as u64)
+    }
+
     /// About how many vertices blocks share, by the triangles of the seams of a pass of so many rounds.
     pub fn shared_vertices(seam_triangles: u64, rounds: usize) -> u64 {
         let width = SEAM_WIDTHS.into_iter().rev().find(|(most, _)| rounds <= *most).map_or(1, |(_, width)| width);
