@@ -114,19 +114,23 @@ fn table1_for_programs() {
 #[test]
 fn io_against_memory() {
     let place = workplace!();
-    place.json("generate gyroid --triangles 40000 -o gyroid.ply");
-    let io = "bench io gyroid.ply --scratch . --memory 5M,64M --strategy passes,btree:sled";
+    place.json("generate gyroid --triangles 150000 -o gyroid.ply");
+    let io = "bench io gyroid.ply --scratch . --memory 15M,256M --strategy passes,btree:sled";
     let mut names = place.names();
     let document = place.json(&format!("{io} --plot bytes.svg"));
     names.insert("bytes.svg".into());
     assert_eq!(place.names(), names);
-    check_picture(&place, "bytes.svg", &["passes", "btree:sled", "refused or failed", "5 MiB", "64 MiB", "gyroid.ply"]);
+    check_picture(
+        &place,
+        "bytes.svg",
+        &["passes", "btree:sled", "refused or failed", "15 MiB", "256 MiB", "gyroid.ply"],
+    );
 
     let rows = document["rows"].as_array().unwrap();
     let keys: Vec<_> = rows.iter().map(|row| (row["strategy"].as_str().unwrap(), whole(row, "memory_bytes"))).collect();
     assert_eq!(
         keys,
-        [("passes", 5 << 20), ("passes", 64 << 20), ("btree:sled", 5 << 20), ("btree:sled", 64 << 20)].as_slice()
+        [("passes", 15 << 20), ("passes", 256 << 20), ("btree:sled", 15 << 20), ("btree:sled", 256 << 20)].as_slice()
     );
     let [small, large, refused, sled] = rows.as_slice() else { panic!("{document}") };
     for row in [small, large, sled] {

@@ -32,7 +32,7 @@ fn memory_and_threads_do_not_change_a_byte() {
         for options in [
             format!("--memory {least} --threads 1"),
             format!("--memory {least} --threads 2"),
-            "--memory 20M --threads 3".into(),
+            "--memory 21M --threads 3".into(),
             "--memory 28M --threads 2".into(),
         ] {
             let external = build(&place, &options);

@@ -255,7 +255,7 @@ pub fn build(
     let mut mesh = mesh;
     let triangles = mesh.triangles.len();
     let needed = simplify::smallest_memory(triangles, threads);
-    if needed > memory {
+    if strategy == Strategy::Passes && needed > memory {
         return Err(BuildError::Memory { triangles, needed, memory });
     }
     let simplified = match simplified {
