@@ -13,8 +13,9 @@
 //! | [`sequential`] | buffered reading of a file from front to back |
 //! | [`byte_size`] | sizes as people write them: `16M`, `1.5G` |
 //! | [`scratch`] | where temporary data goes |
+//! | `buffers`, `background` | buffers that go from one store to the next; reads and writes beside the computation |
 //! | [`spool`] | sequences of records: in RAM while they are small, in scratch files beyond |
-//! | [`sorter`] | external sorting |
+//! | [`sorter`], `merge` | external sorting |
 //! | [`guarded_extsort`] | external sorting by the crate `extsort`, behind guards |
 //! | [`scatter`] | records into the order of dense keys |
 //! | [`paged_array`] | an array on disk, with its pages in use in RAM |
