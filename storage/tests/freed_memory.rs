@@ -3,13 +3,16 @@
 #![cfg(all(target_os = "linux", target_env = "gnu"))]
 #![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
+/// KiB of RAM that this process has.
+fn resident() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
+    line.trim().strip_suffix(" kB").unwrap().trim().parse().unwrap()
+}
+
+// One test: another would run beside it and be seen.
 #[test]
 fn freed_memory_goes_back() {
-    let resident = || -> u64 {
-        let status = std::fs::read_to_string("/proc/self/status").unwrap();
-        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
-        line.trim().strip_suffix(" kB").unwrap().trim().parse().unwrap()
-    };
     vdt_storage::usage::return_freed_memory();
     let before = resident();
     // Freed large blocks would raise the size from which blocks are large.
@@ -20,4 +23,11 @@ fn freed_memory_goes_back() {
         assert!(resident() < before + (16 << 10), "{before} KiB, then {} KiB", resident());
         drop(small);
     }
+    // What lies between pieces that are in use stays, until it is trimmed.
+    let mut pieces: Vec<(Vec<u8>, Vec<u8>)> = (0..640).map(|_| (vec![1; 100 << 10], vec![1; 100])).collect();
+    pieces.iter_mut().for_each(|(large, _)| *large = Vec::new());
+    let untrimmed = resident();
+    vdt_storage::usage::trim_freed_memory();
+    assert!(resident() + (32 << 10) < untrimmed, "{untrimmed} KiB, then {} KiB", resident());
+    assert!(pieces.iter().all(|(_, small)| small.iter().all(|byte| *byte == 1)));
 }

@@ -113,8 +113,25 @@ pub enum EdgeTreeError {
 
 /// Edges on disk, in order.
 pub trait EdgeTree: Debug {
+    /// Edges that are best put in at once.
+    fn bulk(&self) -> usize;
+
     /// Puts edges into an empty tree, which `next` hands out in ascending order, `None` behind the last.
-    fn bulk_load(&mut self, next: &mut dyn FnMut() -> Result<Option<Edge>, StorageError>) -> Result<(), EdgeTreeError>;
+    fn bulk_load(&mut self, next: &mut dyn FnMut() -> Result<Option<Edge>, StorageError>) -> Result<(), EdgeTreeError> {
+        let mut edges = Vec::with_capacity(self.bulk());
+        loop {
+            while edges.len() < self.bulk()
+                && let Some(edge) = next()?
+            {
+                edges.push(edge);
+            }
+            if edges.is_empty() {
+                return Ok(());
+            }
+            self.change(&[], &edges)?;
+            edges.clear();
+        }
+    }
 
     /// Deletes the smallest edges, as long as `is_taken` says so: it is asked once for each, in ascending order, and the
     /// first one that is not taken stays.

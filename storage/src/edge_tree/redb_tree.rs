@@ -142,20 +142,8 @@ fn explain(failure: &Failure, path: &Path, error: impl Into<redb::Error>) -> Edg
 }
 
 impl EdgeTree for RedbTree {
-    fn bulk_load(&mut self, next: &mut dyn FnMut() -> Result<Option<Edge>, StorageError>) -> Result<(), EdgeTreeError> {
-        let mut edges = Vec::with_capacity(BULK);
-        loop {
-            while edges.len() < BULK
-                && let Some(edge) = next()?
-            {
-                edges.push(edge);
-            }
-            if edges.is_empty() {
-                return Ok(());
-            }
-            self.change(&[], &edges)?;
-            edges.clear();
-        }
+    fn bulk(&self) -> usize {
+        BULK
     }
 
     fn delete_smallest(&mut self, is_taken: &mut dyn FnMut(Edge) -> bool) -> Result<(), EdgeTreeError> {

@@ -6,9 +6,9 @@
 use std::path::PathBuf;
 
 use crate::byte_size::ByteSize;
-use crate::disk::StorageError;
 use crate::random_file::Traffic;
 use crate::scratch::{ForeignFolder, Scratch};
+use crate::usage::bytes_read_and_written;
 
 use super::{Change, Edge, EdgeTree, EdgeTreeError, in_turn};
 
@@ -54,11 +54,11 @@ impl SledTree {
 
     /// Does something with the database, and counts what the process reads and writes meanwhile.
     fn counted<R>(&mut self, work: impl FnOnce(&sled::Db) -> sled::Result<R>) -> Result<R, EdgeTreeError> {
-        let before = process_traffic();
+        let before = bytes_read_and_written().unwrap_or_default();
         let result = work(&self.database);
-        let after = process_traffic();
-        self.traffic.read += after.read.saturating_sub(before.read);
-        self.traffic.written += after.written.saturating_sub(before.written);
+        let after = bytes_read_and_written().unwrap_or_default();
+        self.traffic.read += after.0.saturating_sub(before.0);
+        self.traffic.written += after.1.saturating_sub(before.1);
         result.map_err(|source| EdgeTreeError::Sled { path: self.path(), source })
     }
 }
@@ -69,31 +69,9 @@ impl SledTree {
     }
 }
 
-/// What this process has read and written by system calls; nothing where the system does not tell.
-fn process_traffic() -> Traffic {
-    let status = std::fs::read_to_string("/proc/self/io").unwrap_or_default();
-    let field = |name: &str| {
-        let value = status.lines().find_map(|line| line.strip_prefix(name))?;
-        value.trim_start_matches(':').trim().parse().ok()
-    };
-    Traffic { read: field("rchar").unwrap_or(0), written: field("wchar").unwrap_or(0) }
-}
-
 impl EdgeTree for SledTree {
-    fn bulk_load(&mut self, next: &mut dyn FnMut() -> Result<Option<Edge>, StorageError>) -> Result<(), EdgeTreeError> {
-        let mut edges = Vec::with_capacity(BATCH);
-        loop {
-            while edges.len() < BATCH
-                && let Some(edge) = next()?
-            {
-                edges.push(edge);
-            }
-            if edges.is_empty() {
-                return Ok(());
-            }
-            self.change(&[], &edges)?;
-            edges.clear();
-        }
+    fn bulk(&self) -> usize {
+        BATCH
     }
 
     fn delete_smallest(&mut self, is_taken: &mut dyn FnMut(Edge) -> bool) -> Result<(), EdgeTreeError> {
