@@ -87,6 +87,26 @@ pub struct ModelSummary {
     pub largest_switch: f32,
 }
 
+impl ModelSummary {
+    /// Of a model with this header, whose pages take so many bytes decoded.
+    pub(crate) fn of(header: &Header, decoded_bytes: u64) -> Self {
+        let slot_bytes = match header.blocking {
+            Blocking::Forest { slot_bytes, .. } => slot_bytes,
+            Blocking::Levels { .. } => header.slot_bytes,
+        };
+        let slots = f64::from(header.page_count) * f64::from(slot_bytes);
+        ModelSummary {
+            pages: header.page_count,
+            root_pages: header.root_page_count,
+            page_levels: header.page_levels,
+            slot_bytes: header.slot_bytes,
+            bytes: header.file_length,
+            fill: if slots > 0.0 { decoded_bytes as f64 / slots } else { 0.0 },
+            largest_switch: header.largest_switch,
+        }
+    }
+}
+
 /// What the writing of a model may use.
 #[derive(Debug, Clone)]
 pub struct WriteResources {
@@ -185,20 +205,7 @@ pub fn write_model(
     file.commit()?;
     progress(4 * splits);
 
-    let slot_bytes = match options.blocking {
-        Blocking::Forest { slot_bytes, .. } => slot_bytes,
-        Blocking::Levels { .. } => header.slot_bytes,
-    };
-    let slots = f64::from(page_count) * f64::from(slot_bytes);
-    Ok(ModelSummary {
-        pages: header.page_count,
-        root_pages: header.root_page_count,
-        page_levels: header.page_levels,
-        slot_bytes: header.slot_bytes,
-        bytes: header.file_length,
-        fill: if slots > 0.0 { (layout.words * 4) as f64 / slots } else { 0.0 },
-        largest_switch: header.largest_switch,
-    })
+    Ok(ModelSummary::of(&header, layout.words * 4))
 }
 
 /// The trees, as blocking has them.

@@ -158,39 +158,8 @@ impl Slot {
 
     /// Cuts the frontier into groups, and gives their sizes.
     fn cut(&self, nodes: &mut Nodes<'_>, frontier: &[Subtree]) -> Result<Vec<usize>, BlockingError> {
-        let mut items = Vec::with_capacity(frontier.len());
-        for subtree in frontier {
-            items.push(item(nodes, *subtree)?);
-        }
-        let total: u64 = items.iter().map(|item| item.weight).sum();
-        let due_at_most = self.capacity - self.fan_out * CHILD_PAGE_WORDS;
-        let capacity = self.capacity as u64;
-        let fan_out = self.fan_out as u64;
-        let count = |heaviest| groups(&items, heaviest, due_at_most).count() as u64;
-        let full_pages = count(capacity);
-        let pages = total.div_ceil(capacity).max(full_pages);
-        let wanted = if pages <= fan_out {
-            full_pages
-        } else {
-            let mut below = fan_out;
-            while below.saturating_mul(fan_out) < pages {
-                below *= fan_out;
-            }
-            pages.div_ceil(below)
-        };
-        // The least weight of the heaviest group with so many groups, or with as many as what is due asks for.
-        let wanted = wanted.max(count(u64::MAX));
-        let mut too_little = (total / wanted.max(1)).saturating_sub(1);
-        let mut enough = if full_pages <= wanted { capacity.min(total) } else { total };
-        while enough > too_little + 1 + enough / 1024 {
-            let middle = too_little + (enough - too_little) / 2;
-            if count(middle) <= wanted {
-                enough = middle;
-            } else {
-                too_little = middle;
-            }
-        }
-        Ok(groups(&items, enough, due_at_most).collect())
+        let items = frontier.iter().map(|subtree| item(nodes, *subtree)).collect::<Result<Vec<_>, _>>()?;
+        Ok(cut(&items, self.capacity, self.fan_out))
     }
 }
 
@@ -219,17 +188,51 @@ fn find_frontier(nodes: &mut Nodes<'_>, subtrees: &[Subtree], taking: &mut Takin
 
 /// A subtree of the frontier that is to be grouped.
 #[derive(Debug, Clone, Copy)]
-struct Item {
+pub(crate) struct Item {
     /// Words of the whole subtree.
-    weight: u64,
+    pub weight: u64,
     /// Words that the page which gets it must have for it at once.
-    due: usize,
+    pub due: usize,
 }
 
 fn item(nodes: &mut Nodes<'_>, subtree: Subtree) -> Result<Item, BlockingError> {
     let children = nodes.children(subtree)?.into_iter().flatten().count();
     let due = if subtree.is_tree { 0 } else { nodes.split_words(subtree.split)? + children * CHILD_PAGE_WORDS };
     Ok(Item { weight: nodes.weight(subtree)?, due })
+}
+
+/// Cuts a frontier into groups, and gives their sizes: for pages of so many words behind the header, each with up to so many
+/// child pages.
+pub(crate) fn cut(items: &[Item], capacity: usize, fan_out: usize) -> Vec<usize> {
+    let total: u64 = items.iter().map(|item| item.weight).sum();
+    let due_at_most = capacity - fan_out * CHILD_PAGE_WORDS;
+    let capacity = capacity as u64;
+    let fan_out = fan_out as u64;
+    let count = |heaviest| groups(items, heaviest, due_at_most).count() as u64;
+    let full_pages = count(capacity);
+    let pages = total.div_ceil(capacity).max(full_pages);
+    let wanted = if pages <= fan_out {
+        full_pages
+    } else {
+        let mut below = fan_out;
+        while below.saturating_mul(fan_out) < pages {
+            below *= fan_out;
+        }
+        pages.div_ceil(below)
+    };
+    // The least weight of the heaviest group with so many groups, or with as many as what is due asks for.
+    let wanted = wanted.max(count(u64::MAX));
+    let mut too_little = (total / wanted.max(1)).saturating_sub(1);
+    let mut enough = if full_pages <= wanted { capacity.min(total) } else { total };
+    while enough > too_little + 1 + enough / 1024 {
+        let middle = too_little + (enough - too_little) / 2;
+        if count(middle) <= wanted {
+            enough = middle;
+        } else {
+            too_little = middle;
+        }
+    }
+    groups(items, enough, due_at_most).collect()
 }
 
 /// The sizes of the groups when each, from the first on, gets as many items as stay within `heaviest` words altogether

@@ -22,19 +22,13 @@
 //! one level of the page tree 8, for those of one page 50 more.
 
 use std::collections::{BinaryHeap, VecDeque};
-use std::ops::RangeInclusive;
 
 use vdt::tree::Tree;
 
 use super::{Blocks, children, outline, root_page};
 use crate::blocking::BlockingError;
+use crate::blocking::forest::{Item, cut};
 use crate::page::{CHILD_PAGE_WORDS, HEADER_WORDS, RECORD_WORDS};
-
-/// What a slot may hold, in bytes. A page of 1 MiB has at most 32,768 child entries and 43,690 records, well within the
-/// page's 16-bit fields.
-pub const SLOT_BYTES: RangeInclusive<u32> = 4096..=1 << 20;
-/// How many children a page may be given. The most take a quarter of the smallest slot.
-pub const FAN_OUT: RangeInclusive<u32> = 2..=256;
 
 /// A subtree handed to a page, by the split at its root.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -70,20 +64,8 @@ struct Forest<'a> {
     fan_out: usize,
 }
 
-/// Whether there can be pages of so many bytes with so many child pages.
-pub fn check_parameters(slot_bytes: u32, fan_out: u32) -> Result<(), BlockingError> {
-    if !SLOT_BYTES.contains(&slot_bytes) {
-        return Err(BlockingError::SlotBytes { slot_bytes });
-    }
-    if !FAN_OUT.contains(&fan_out) {
-        return Err(BlockingError::FanOut { fan_out });
-    }
-    Ok(())
-}
-
 /// Blocks `tree` into pages of `slot_bytes` bytes, decoded, with up to `fan_out` child pages.
 pub fn block(tree: &Tree, slot_bytes: u32, fan_out: u32) -> Result<Blocks, BlockingError> {
-    check_parameters(slot_bytes, fan_out)?;
     let preorder = outline::preorder(tree)?;
     let split_count = preorder.len();
     let mut forest = Forest {
@@ -135,7 +117,8 @@ impl Forest<'_> {
         self.take_best_first(filling);
         loop {
             self.find_frontier(filling);
-            let groups = self.cut(filling);
+            let frontier: Vec<Item> = filling.frontier.iter().map(|subtree| self.item(*subtree)).collect();
+            let groups = cut(&frontier, self.capacity, self.fan_out);
             let optional = filling.taken.len() - filling.due;
             let fits = filling.words + groups.len() * CHILD_PAGE_WORDS <= self.capacity;
             if optional == 0 || (groups.len() <= self.fan_out && fits) {
@@ -212,40 +195,6 @@ impl Forest<'_> {
         frontier.sort_unstable();
     }
 
-    /// Cuts the frontier into groups, and gives their sizes.
-    fn cut(&self, filling: &Filling) -> Vec<usize> {
-        let frontier: Vec<Item> = filling.frontier.iter().map(|subtree| self.item(*subtree)).collect();
-        let total: u64 = frontier.iter().map(|item| item.weight).sum();
-        let due_at_most = self.capacity - self.fan_out * CHILD_PAGE_WORDS;
-        let capacity = self.capacity as u64;
-        let fan_out = self.fan_out as u64;
-        let count = |heaviest| groups(&frontier, heaviest, due_at_most).count() as u64;
-        let full_pages = count(capacity);
-        let pages = total.div_ceil(capacity).max(full_pages);
-        let wanted = if pages <= fan_out {
-            full_pages
-        } else {
-            let mut below = fan_out;
-            while below.saturating_mul(fan_out) < pages {
-                below *= fan_out;
-            }
-            pages.div_ceil(below)
-        };
-        // The least weight of the heaviest group with so many groups, or with as many as what is due asks for.
-        let wanted = wanted.max(count(u64::MAX));
-        let mut too_little = (total / wanted.max(1)).saturating_sub(1);
-        let mut enough = if full_pages <= wanted { capacity.min(total) } else { total };
-        while enough > too_little + 1 + enough / 1024 {
-            let middle = too_little + (enough - too_little) / 2;
-            if count(middle) <= wanted {
-                enough = middle;
-            } else {
-                too_little = middle;
-            }
-        }
-        groups(&frontier, enough, due_at_most).collect()
-    }
-
     fn item(&self, subtree: Subtree) -> Item {
         let split = subtree.split;
         let due = if subtree.is_tree {
@@ -255,30 +204,4 @@ impl Forest<'_> {
         };
         Item { weight: self.weights[split as usize], due }
     }
-}
-
-/// A subtree of the frontier that is to be grouped.
-#[derive(Debug, Clone, Copy)]
-struct Item {
-    /// Words of the whole subtree.
-    weight: u64,
-    /// Words that the page which gets it must have for it at once.
-    due: usize,
-}
-
-/// The sizes of the groups when each, from the first on, gets as many items as stay within `heaviest` words altogether
-/// and `due_at_most` due at once. A group of one item may be larger.
-fn groups(items: &[Item], heaviest: u64, due_at_most: usize) -> impl Iterator<Item = usize> {
-    let mut rest = items;
-    std::iter::from_fn(move || {
-        let (mut weight, mut due) = (0_u64, 0);
-        let fitting = rest.iter().take_while(|item| {
-            weight = weight.saturating_add(item.weight);
-            due += item.due;
-            weight <= heaviest && due <= due_at_most
-        });
-        let size = fitting.count().max(1).min(rest.len());
-        rest = &rest[size..];
-        (size > 0).then_some(size)
-    })
 }

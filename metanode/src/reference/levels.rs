@@ -6,24 +6,13 @@
 //!
 //! Linear time. Memory: 4 bytes for each leaf and 36 for each page; while it runs, 4 more for each leaf.
 
-use std::ops::RangeInclusive;
-
 use vdt::tree::Tree;
 
 use super::{Blocks, outline, root_page};
 use crate::blocking::BlockingError;
 
-/// How many levels a page may have. A page of 15 levels has up to 65,534 child entries, the most that 16 bits can tell.
-pub const LEVELS: RangeInclusive<u32> = 1..=15;
-
-/// Whether there can be pages of so many levels.
-pub fn check_parameters(levels: u32) -> Result<(), BlockingError> {
-    if LEVELS.contains(&levels) { Ok(()) } else { Err(BlockingError::Levels { levels }) }
-}
-
 /// Blocks `tree` into pages of `levels` levels.
 pub fn block(tree: &Tree, levels: u32) -> Result<Blocks, BlockingError> {
-    check_parameters(levels)?;
     let split_count = outline::preorder(tree)?.len();
     let mut blocks = Blocks { order: Vec::with_capacity(split_count), ..Blocks::default() };
     // The roots of the pages, in the order of the pages.

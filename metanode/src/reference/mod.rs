@@ -18,7 +18,7 @@ pub(crate) mod write;
 
 use vdt::tree::{NO_SPLIT, Tree};
 
-use crate::blocking::BlockingError;
+use crate::blocking::{BlockingError, check_parameters};
 use crate::header::Blocking;
 use crate::page::{NONE_32, PageCounts};
 
@@ -148,6 +148,7 @@ fn children(tree: &Tree, split: u32) -> impl Iterator<Item = u32> {
 
 /// Blocks `tree` as `blocking` says.
 pub fn block(tree: &Tree, blocking: Blocking) -> Result<Blocks, BlockingError> {
+    check_parameters(blocking)?;
     match blocking {
         Blocking::Forest { slot_bytes, fan_out } => forest::block(tree, slot_bytes, fan_out),
         Blocking::Levels { levels } => levels::block(tree, levels),

@@ -15,7 +15,7 @@ use storage::{AtomicFile, Disk};
 use vdt::tree::{NO_SPLIT, Split, Tree};
 
 use super::{self as blocking, Block, Blocks};
-use crate::header::{Blocking, HEADER_BYTES, Header, LARGEST_SLOT_BYTES, ModelRoot, ROOT_PAGE_WORDS, ROOT_WORDS};
+use crate::header::{HEADER_BYTES, Header, LARGEST_SLOT_BYTES, ModelRoot, ROOT_PAGE_WORDS, ROOT_WORDS};
 use crate::page::{ChildEntry, NONE_32, PageLocation, PageParts, Record, Target, encoded, encoded_length};
 
 use crate::write::{ModelOptions, ModelSummary, WriteError};
@@ -39,21 +39,8 @@ pub fn write_model(
     }
     file.commit()?;
 
-    let slot_bytes = match options.blocking {
-        Blocking::Forest { slot_bytes, .. } => slot_bytes,
-        Blocking::Levels { .. } => header.slot_bytes,
-    };
-    let decoded: usize = blocks.pages.iter().map(|page| page.counts().decoded_bytes()).sum();
-    let slots = blocks.pages.len() as f64 * f64::from(slot_bytes);
-    Ok(ModelSummary {
-        pages: header.page_count,
-        root_pages: header.root_page_count,
-        page_levels: header.page_levels,
-        slot_bytes: header.slot_bytes,
-        bytes: header.file_length,
-        fill: if slots > 0.0 { decoded as f64 / slots } else { 0.0 },
-        largest_switch: header.largest_switch,
-    })
+    let decoded = blocks.pages.iter().map(|page| page.counts().decoded_bytes() as u64).sum();
+    Ok(ModelSummary::of(&header, decoded))
 }
 
 /// Where everything will lie.

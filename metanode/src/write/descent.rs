@@ -5,6 +5,9 @@
 //! the first levels end depends on the tree alone. Within a level pages are visited from left to right, in either part.
 
 use std::borrow::Cow;
+use std::sync::{Mutex, PoisonError};
+
+use vdt::workers;
 
 use crate::blocking::{BlockingError, Filled, Filler};
 use crate::leaf_order::{Nodes, Subtree};
@@ -35,6 +38,9 @@ pub(super) trait Visitor<'a> {
 
     /// Fills a page of a level.
     fn fill(&mut self, filler: Filler, level: u32, subtrees: Vec<Subtree>) -> Result<Filled, BlockingError>;
+
+    /// Splits of the pages that it has visited.
+    fn splits(&self) -> u64;
 
     /// Visits a page of a level. `children` are the subtrees at the roots of each of its child pages. Returns the number
     /// of the page, if the visitor knows.
@@ -71,12 +77,30 @@ pub(super) fn first_levels<'a>(
     Ok(jobs)
 }
 
-/// Visits a page and all below it.
-pub(super) fn depth_first<'a>(
-    visitor: &mut impl Visitor<'a>,
+/// Has the visitors do the jobs. `begin` prepares one for the job of this number; `end` takes what it has come to, of which
+/// there is one for each job, in order. `progress` is told how many splits more are visited.
+pub(super) fn do_jobs<'a, V: Visitor<'a> + Send, R: Send>(
+    visitors: &mut [V],
     filler: Filler,
-    handed: Handed,
-) -> Result<(), WriteError> {
+    jobs: Vec<Vec<Handed>>,
+    progress: &(impl Fn(u64) + Sync),
+    begin: impl Fn(&mut V, usize) + Sync,
+    end: impl Fn(&mut V) -> R + Sync,
+) -> Result<Vec<R>, WriteError> {
+    let jobs: Vec<Mutex<Vec<Handed>>> = jobs.into_iter().map(Mutex::new).collect();
+    workers::for_each(visitors, jobs.len(), |visitor, number| {
+        begin(visitor, number);
+        for handed in std::mem::take(&mut *jobs[number].lock().unwrap_or_else(PoisonError::into_inner)) {
+            let before = visitor.splits();
+            depth_first(visitor, filler, handed)?;
+            progress(visitor.splits() - before);
+        }
+        Ok(end(visitor))
+    })
+}
+
+/// Visits a page and all below it.
+fn depth_first<'a>(visitor: &mut impl Visitor<'a>, filler: Filler, handed: Handed) -> Result<(), WriteError> {
     let mut stack = vec![handed];
     while let Some(handed) = stack.pop() {
         stack.extend(visit(visitor, filler, handed)?.rev());

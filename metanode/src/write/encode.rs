@@ -10,9 +10,8 @@ use std::sync::{Mutex, PoisonError};
 
 use storage::{AtomicFile, Spool, SpoolReader, StorageError};
 use vdt::tree::{Split, StoredTree};
-use vdt::workers;
 
-use super::descent::{self, Handed, Visitor};
+use super::descent::{self, Visitor};
 use super::layout::{Layout, PageSize, Start};
 use super::{WriteError, WriteResources, check_values, with_checksum};
 use crate::blocking::{BlockingError, Filled, Filler};
@@ -122,18 +121,11 @@ pub(super) fn write_pages(
     first.start_at(layout.levels_start.iter().map(|start| Some(*start)));
     let jobs = descent::first_levels(first, filler, root_groups)?;
     let mut bounds = std::mem::replace(&mut first.bounds, Bounds::NONE);
-    let count = jobs.len();
-    let jobs: Vec<Mutex<Vec<Handed>>> = jobs.into_iter().map(Mutex::new).collect();
-    let boxes = workers::for_each(&mut encoders, count, |encoder, number| {
+    let begin = |encoder: &mut Encoder<'_>, number: usize| {
         encoder.start_at(layout.jobs_start.iter().map(|jobs| jobs[number]));
-        encoder.bounds = Bounds::NONE;
-        for handed in std::mem::take(&mut *jobs[number].lock().unwrap_or_else(PoisonError::into_inner)) {
-            let before = encoder.splits;
-            descent::depth_first(encoder, filler, handed)?;
-            progress(encoder.splits - before);
-        }
-        Ok::<_, WriteError>(encoder.bounds)
-    })?;
+    };
+    let end = |encoder: &mut Encoder<'_>| std::mem::replace(&mut encoder.bounds, Bounds::NONE);
+    let boxes = descent::do_jobs(&mut encoders, filler, jobs, progress, begin, end)?;
     boxes.iter().for_each(|part| bounds.add(part));
     Ok(bounds)
 }
@@ -141,6 +133,10 @@ pub(super) fn write_pages(
 impl<'a> Visitor<'a> for Encoder<'a> {
     fn nodes(&mut self) -> &mut Nodes<'a> {
         &mut self.nodes
+    }
+
+    fn splits(&self) -> u64 {
+        self.splits
     }
 
     fn fill(&mut self, filler: Filler, level: u32, subtrees: Vec<Subtree>) -> Result<Filled, BlockingError> {

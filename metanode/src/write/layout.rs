@@ -13,9 +13,8 @@ use std::sync::{Mutex, PoisonError};
 use bytemuck::{Pod, Zeroable};
 use storage::{SortRecord, Sorter, Spool, SpoolWriter};
 use vdt::tree::{Split, StoredTree};
-use vdt::workers;
 
-use super::descent::{self, Handed, Visitor};
+use super::descent::{self, Visitor};
 use super::{Totals, WriteError, WriteResources, check_values};
 use crate::blocking::{BlockingError, Filled, Filler};
 use crate::header::{HEADER_BYTES, LARGEST_SLOT_BYTES, ModelRoot, ROOT_PAGE_WORDS, ROOT_WORDS};
@@ -96,6 +95,17 @@ pub(super) struct Layout {
     pub large: HashMap<(u32, u32), Filled>,
 }
 
+/// What is known of the pages when all are measured, besides their sizes.
+struct Measured {
+    /// By page.
+    places: Vec<RootPlace>,
+    totals: Totals,
+    large: HashMap<(u32, u32), Filled>,
+    /// Of each job.
+    first_leaves: Vec<u32>,
+    sums: Sums,
+}
+
 /// Fills the pages, and measures them.
 struct Measurer<'a> {
     tree: &'a StoredTree,
@@ -109,6 +119,10 @@ struct Measurer<'a> {
 impl<'a> Visitor<'a> for Measurer<'a> {
     fn nodes(&mut self) -> &mut Nodes<'a> {
         &mut self.nodes
+    }
+
+    fn splits(&self) -> u64 {
+        self.totals.splits
     }
 
     fn fill(&mut self, filler: Filler, level: u32, subtrees: Vec<Subtree>) -> Result<Filled, BlockingError> {
@@ -169,16 +183,7 @@ impl Layout {
             .collect();
         let jobs = descent::first_levels(&mut measurers[0], filler, root_groups)?;
         let first_leaves: Vec<u32> = jobs.iter().map(|job| job[0].subtrees[0].start).collect();
-        let count = jobs.len();
-        let jobs: Vec<Mutex<Vec<Handed>>> = jobs.into_iter().map(Mutex::new).collect();
-        workers::for_each(&mut measurers, count, |measurer, number| {
-            for handed in std::mem::take(&mut *jobs[number].lock().unwrap_or_else(PoisonError::into_inner)) {
-                let before = measurer.totals.splits;
-                descent::depth_first(measurer, filler, handed)?;
-                progress(measurer.totals.splits - before);
-            }
-            Ok::<_, WriteError>(())
-        })?;
+        descent::do_jobs(&mut measurers, filler, jobs, progress, |_, _| (), |_| ())?;
         let (mut places, mut totals, mut large) = (Vec::new(), Totals::default(), HashMap::new());
         for measurer in measurers {
             places.extend(measurer.places);
@@ -188,20 +193,18 @@ impl Layout {
         }
         places.sort_unstable();
         let waiting = waiting.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let layout = Self::place(tree, sums, waiting, &places, &first_leaves, totals, resources)?;
-        Ok(Layout { large, ..layout })
+        let measured = Measured { places, totals, large, first_leaves, sums };
+        Self::place(tree, waiting, measured, resources)
     }
 
     /// Gives each page its number and place.
     fn place(
         tree: &StoredTree,
-        sums: Sums,
         waiting: Sorter<WaitingPage>,
-        places: &[RootPlace],
-        first_leaves: &[u32],
-        totals: Totals,
+        measured: Measured,
         resources: &WriteResources,
     ) -> Result<Self, WriteError> {
+        let Measured { places, totals, large, first_leaves, sums } = measured;
         let mut sizes = SpoolWriter::new(&resources.scratch, "page-sizes", resources.share(1));
         let mut locations = vec![(PageLocation { number: 0, offset: 0, length: 0 }, 0); tree.roots.len()];
         let (mut root_pages, mut levels_start, mut jobs_start) = (Vec::new(), Vec::new(), Vec::new());
@@ -261,7 +264,7 @@ impl Layout {
             jobs_start,
             totals,
             sums,
-            large: HashMap::new(),
+            large,
         })
     }
 
