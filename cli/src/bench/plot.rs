@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use anyhow::{Result, anyhow};
+use plotters::coord::CoordTranslate;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use storage::ByteSize;
@@ -108,17 +109,20 @@ pub fn bytes_against_memory(strategies: &[StrategyChoice], points: &[Point], tit
                 .label("refused or failed")
                 .legend(|(x, y)| Cross::new((x + 12, y), 6, BLACK.stroke_width(2)));
         }
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
-            .background_style(WHITE.mix(0.8))
-            .border_style(BLACK.mix(0.3))
-            .label_font((FONT, 15))
-            .draw()
-            .map_err(drawing)?;
+        draw_legend(&mut chart, SeriesLabelPosition::UpperRight)?;
         area.present().map_err(drawing)?;
     }
     Ok(svg)
+}
+
+/// Says what the series are, over what is drawn.
+fn draw_legend<'a, C: CoordTranslate>(
+    chart: &mut ChartContext<'a, SVGBackend<'a>, C>,
+    position: SeriesLabelPosition,
+) -> Result<()> {
+    let labels = &mut chart.configure_series_labels();
+    let labels = labels.position(position).background_style(WHITE.mix(0.8)).border_style(BLACK.mix(0.3));
+    labels.label_font((FONT, 15)).draw().map_err(drawing)
 }
 
 /// What the axes have to hold, with some room.
@@ -195,14 +199,7 @@ pub fn times_per_triangle(rows: &[Row], title: &str) -> Result<String> {
             EmptyElement::at((sum, (rows.len() - number) as f64 - 0.5)) + Text::new(text, (8, 0), style)
         });
         chart.draw_series(sums).map_err(drawing)?;
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::LowerRight)
-            .background_style(WHITE.mix(0.8))
-            .border_style(BLACK.mix(0.3))
-            .label_font((FONT, 15))
-            .draw()
-            .map_err(drawing)?;
+        draw_legend(&mut chart, SeriesLabelPosition::LowerRight)?;
         area.present().map_err(drawing)?;
     }
     Ok(svg)

@@ -46,14 +46,15 @@ impl Plan {
         let buffer_bytes = (memory / BUFFER_PART).clamp(64 << 10, 4 << 20);
         // A quarter of the memory for a block, or less where there are more than two threads.
         let block = memory / (2 * threads.max(2) as u64);
+        let core = memory / 10 * 9;
         Plan {
             memory,
             threads: threads.max(1),
             block_triangles: (block / LIVE_BYTES).max(FEWEST_BLOCK_TRIANGLES),
-            core_triangles: memory / 10 * 9 / LIVE_BYTES,
+            core_triangles: core / LIVE_BYTES,
             group_triangles: (memory / 10 * 6 / LIVE_BYTES / threads.max(1) as u64).max(FEWEST_BLOCK_TRIANGLES),
-            seam_triangles: memory / 10 * 9 / LIVE_BYTES,
-            queue_triangles: memory / 10 * 9 / (LIVE_BYTES + QUEUE_BYTES),
+            seam_triangles: core / LIVE_BYTES,
+            queue_triangles: core / (LIVE_BYTES + QUEUE_BYTES),
             most_rounds: SEAM_WIDTHS[0].0,
             buffer_bytes: buffer_bytes as usize,
         }
