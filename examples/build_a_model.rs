@@ -29,7 +29,8 @@ fn main() -> Result<()> {
     })?;
 
     let BuildOptions { metric, strategy, error_bound, .. } = options;
-    let options = ModelOptions { blocking: Blocking::default(), metric, strategy, error_bound };
+    let (blocking, input_error) = (Blocking::default(), report.input_error);
+    let options = ModelOptions { blocking, metric, strategy, error_bound, input_error };
     let resources = WriteResources::in_memory();
     let summary = write_model(Arc::new(LocalDisk), &model, &tree, &options, &resources, &mut |_| ())?;
     println!("\n{} collapses, {} meta-nodes, {} bytes", report.legal_collapses, summary.pages, summary.bytes);

@@ -27,10 +27,11 @@ pub fn build_model(mesh: &Path, strategy: Strategy) -> Result<Model> {
     let edge_tree = EdgeTreeKind::default();
     let options = BuildOptions { memory: MEMORY, threads: 1, metric, strategy, error_bound, edge_tree };
     let paths = [mesh.to_path_buf()];
-    let (tree, _) = build(&LocalDisk, &paths, &options, &Scratch::in_memory(), None, &mut |_| ())?;
+    let (tree, report) = build(&LocalDisk, &paths, &options, &Scratch::in_memory(), None, &mut |_| ())?;
     let disk: Arc<dyn Disk> = Arc::new(MemoryDisk::new());
     let path = PathBuf::from("model.vdt");
-    let model_options = ModelOptions { blocking: Blocking::default(), metric, strategy, error_bound };
+    let (blocking, input_error) = (Blocking::default(), report.input_error);
+    let model_options = ModelOptions { blocking, metric, strategy, error_bound, input_error };
     write_model(disk.clone(), &path, &tree, &model_options, &WriteResources::in_memory(), &mut |_| ())?;
     Ok(Model::open(disk.as_ref(), &path)?)
 }

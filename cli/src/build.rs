@@ -14,7 +14,7 @@ use vdt::build::{BuildOptions, BuildReport, Estimate, Phase, PhaseWatch, Step, b
 use vdt::ingest::{self, CleaningCounts};
 
 use crate::arguments;
-use crate::output::{Report, counted, grouped, may_write};
+use crate::output::{Report, counted, grouped, input_error, may_write};
 use crate::progress::Progress;
 
 /// Bytes of a model for each vertex, as long as pages are not compressed: 24 for the record, 20 for the entry, 24 for the
@@ -50,7 +50,8 @@ pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
         build(&disk, &options.meshes, &build_options, &scratch, resumed, &mut |step| progress.show(step))?;
     let watch = PhaseWatch::start();
     let BuildOptions { metric, strategy, error_bound, .. } = build_options;
-    let model_options = ModelOptions { blocking: options.blocking, metric, strategy, error_bound };
+    let (blocking, input_error) = (options.blocking, report.input_error);
+    let model_options = ModelOptions { blocking, metric, strategy, error_bound, input_error };
     let (vertices, triangles, roots) = (tree.leaf_count(), tree.triangles.len(), tree.roots.len() as u64);
     let resources = WriteResources { scratch: scratch.clone(), memory: options.memory, threads: build_options.threads };
     let model = write_model(Arc::new(disk.clone()), output, &tree, &model_options, &resources, &mut |share| {
@@ -126,6 +127,9 @@ impl Done {
         for (_, count, message) in warnings(&build.cleaning) {
             report.line("note", format!("{} {message}", grouped(count)));
         }
+        if build.input_error > 0.0 {
+            report.line("input error", input_error(build.input_error));
+        }
         report.line(
             "collapses",
             format!(
@@ -193,6 +197,7 @@ impl Done {
             "components": self.roots,
             "input_vertices": build.files.vertices,
             "input_triangles": build.files.triangles,
+            "input_error": build.input_error,
             "warnings": warnings_json(&build.cleaning),
             "seconds": self.seconds,
             "cpu_seconds": self.cpu_seconds,

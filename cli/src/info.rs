@@ -11,7 +11,7 @@ use storage::{ByteSize, Disk, LocalDisk};
 use vdt::mesh::{MeshError, TriangleSink, read_mesh};
 
 use crate::arguments::InfoOptions;
-use crate::output::{Report, counted, grouped, length};
+use crate::output::{Report, counted, grouped, input_error, length};
 
 pub fn run(options: InfoOptions, json: bool) -> Result<()> {
     let mut start = [0; MAGIC.len()];
@@ -52,6 +52,9 @@ fn model_info(path: &Path, json: bool) -> Result<()> {
         _ => format!("certified bounds, error bound {error_bound}"),
     };
     report.line("errors", format!("up to {}: {errors}", length(header.largest_switch.into())));
+    if header.input_error > 0.0 {
+        report.line("input error", input_error(header.input_error));
+    }
     report.line(
         "meta-nodes",
         format!(
@@ -97,6 +100,7 @@ fn model_info(path: &Path, json: bool) -> Result<()> {
             "blocking": blocking,
             "positions": "lossless",
             "largest_error": header.largest_switch,
+            "input_error": header.input_error,
             "error_bound": error_bound,
             "errors_certified": header.error_bound.is_certified(),
             "meta_nodes": header.page_count,

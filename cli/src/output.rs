@@ -62,6 +62,21 @@ pub fn length(value: f64) -> String {
     }
 }
 
+/// A length with four digits that count, which together are no less than it is: what a bound is told with.
+pub fn bound(value: f64) -> String {
+    let nearest = length(value);
+    if nearest.parse::<f64>().is_ok_and(|shown| shown >= value) {
+        return nearest;
+    }
+    let last_digit = 10_f64.powf(value.log10().floor() - 3.0);
+    length(value + 0.5 * last_digit)
+}
+
+/// What was lost before the first collapse.
+pub fn input_error(value: f32) -> String {
+    format!("{}: single precision, and triangles without area that were left out", bound(value.into()))
+}
+
 /// Refuses an output that exists, unless it may be replaced, one whose folder does not exist, one that is no plain file,
 /// and one that is among the `inputs`.
 pub fn may_write(disk: &dyn Disk, path: &Path, force: bool, inputs: &[&Path]) -> Result<()> {
@@ -114,5 +129,10 @@ mod tests {
         assert_eq!(length(0.012346), "0.01235");
         assert_eq!(length(1234.5678), "1235");
         assert_eq!(length(1.5e-9), "1.500e-9");
+        for (value, shown) in
+            [(0.0, "0"), (0.012341, "0.01235"), (0.5, "0.5000"), (1234.1, "1235"), (1.5001e-9, "1.501e-9")]
+        {
+            assert_eq!(bound(value), shown);
+        }
     }
 }

@@ -27,7 +27,8 @@
 //!    132      8  offset of the root table
 //!    140      8  offset of the first page
 //!    148      8  length of the file
-//!    156     96  zero
+//!    156      4  input error: no point of the input is farther from the fully refined mesh, f32
+//!    160     92  zero
 //!    252      4  CRC-32 of the 252 bytes before
 //!
 //!    256   60 r  root table, by ascending first leaf: first leaf, end leaf, x, y, z (f32), id, switch (f32),
@@ -172,6 +173,9 @@ pub struct Header {
     pub strategy: Strategy,
     /// What the switch values are.
     pub error_bound: ErrorBound,
+    /// No point of a triangle of the input files is farther than this from the fully refined mesh, in mesh units: what
+    /// single precision, and leaving out triangles without area, may have moved.
+    pub input_error: f32,
     /// The blocking.
     pub blocking: Blocking,
     /// Byte offset of the root table.
@@ -228,6 +232,7 @@ impl Header {
         for word in [self.roots_offset, self.pages_offset, self.file_length] {
             bytes.extend(word.to_le_bytes());
         }
+        bytes.extend(self.input_error.to_le_bytes());
         let mut whole = [0; HEADER_BYTES];
         whole[..bytes.len()].copy_from_slice(&bytes);
         let checksum = crc32fast::hash(&whole[..HEADER_BYTES - 4]);
@@ -297,6 +302,7 @@ impl Header {
             roots_offset: long(132),
             pages_offset: long(140),
             file_length: long(148),
+            input_error: float(156),
         };
         header.check().map_err(damaged)?;
         // Everything that version 2 does not use is zero.
@@ -316,6 +322,8 @@ impl Header {
             + 4;
         if !finite {
             Err("a coordinate is not finite".into())
+        } else if !(self.input_error >= 0.0 && self.input_error.is_finite()) {
+            Err(format!("the input error is given as {}", self.input_error))
         } else if self.roots_offset != HEADER_BYTES as u64 || self.pages_offset != self.roots_offset + tables {
             Err(format!("sections at bytes {} and {}", self.roots_offset, self.pages_offset))
         } else if self.pages_offset > self.file_length {
@@ -443,6 +451,7 @@ mod tests {
             metric: Metric::Length,
             strategy: Strategy::Btree,
             error_bound: ErrorBound::Fast,
+            input_error: 0.25,
             blocking: Blocking::Forest { slot_bytes: 4096, fan_out: 4 },
             roots_offset: 256,
             pages_offset: 256 + 2 * 60 + 16 + 4,
@@ -503,5 +512,8 @@ mod tests {
         assert!(refused(&Header { pages_offset: 400, ..header }).contains("sections"));
         assert!(refused(&Header { maximum: [f32::NAN; 3], ..header }).contains("not finite"));
         assert!(refused(&Header { slot_bytes: u32::MAX, ..header }).contains("decoded"));
+        for input_error in [-1.0, f32::NAN, f32::INFINITY] {
+            assert!(refused(&Header { input_error, ..header }).contains("input error"));
+        }
     }
 }

@@ -245,7 +245,8 @@ fn number(random: &mut Random, plan: &TreePlan, nodes: &[Node], node_roots: &[u3
 
 /// The options of the tests, with this blocking.
 pub(crate) fn options(blocking: Blocking) -> ModelOptions {
-    ModelOptions { blocking, metric: Metric::Quadric, strategy: Strategy::Passes, error_bound: ErrorBound::Fast }
+    let (metric, strategy, error_bound) = (Metric::Quadric, Strategy::Passes, ErrorBound::Fast);
+    ModelOptions { blocking, metric, strategy, error_bound, input_error: 0.0 }
 }
 
 /// The bytes of a model file.

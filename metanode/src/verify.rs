@@ -694,11 +694,12 @@ mod tests {
         let model = open_bytes(bytes).unwrap();
         let header = model.header();
         let free = |from: std::ops::Range<usize>, words: &mut [Word]| words[from].fill(Word::Free);
-        // The header: origin, metric, strategy and the blocking's parameters tell of the making only.
+        // The header: origin, metric, strategy, error bound, the blocking's parameters and the input error tell of the
+        // making only.
         let mut words = vec![Word::Fixed; 63];
         free(14..20, &mut words);
-        free(27..29, &mut words);
-        free(30..33, &mut words);
+        free(27..33, &mut words);
+        free(39..40, &mut words);
         let mut found = vec![Stretch { start: 0, words }];
         // The root table: position, switch, radius, cone.
         let mut words = vec![Word::Fixed; (header.pages_offset as usize - 260) / 4];

@@ -30,7 +30,7 @@ use encode::Bounds;
 use layout::Layout;
 
 /// How a model is to be written, and what it says of its origin.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ModelOptions {
     /// How the tree is cut into pages.
     pub blocking: Blocking,
@@ -40,6 +40,8 @@ pub struct ModelOptions {
     pub strategy: Strategy,
     /// What the switch values are.
     pub error_bound: ErrorBound,
+    /// No point of a triangle of the input files is farther than this from the tree's leaves and triangles, in mesh units.
+    pub input_error: f32,
 }
 
 /// Why a model was not written. No file is left, or the one that was there before.
@@ -52,6 +54,12 @@ pub enum WriteError {
     /// The tree cannot be blocked as asked.
     #[error(transparent)]
     Blocking(#[from] BlockingError),
+    /// The input error is no length.
+    #[error("an input error of {value} cannot be: it is a length, 0 or more")]
+    InputError {
+        /// What was given.
+        value: f32,
+    },
     /// A page would be larger than any reader accepts.
     #[error(
         "a meta-node would take {bytes} bytes decoded, more than the {LARGEST_SLOT_BYTES} that can be: \
@@ -148,6 +156,9 @@ pub fn write_model(
 ) -> Result<ModelSummary, WriteError> {
     blocking::check_parameters(options.blocking)?;
     check_arrays(tree)?;
+    if !(options.input_error >= 0.0 && options.input_error.is_finite()) {
+        return Err(WriteError::InputError { value: options.input_error });
+    }
     let splits = tree.leaf_count() - tree.roots.len() as u64;
     // Both ways through the pages count each split; the second takes about three times as long.
     let work = Mutex::new((0, progress));
@@ -197,6 +208,7 @@ pub fn write_model(
         metric: options.metric,
         strategy: options.strategy,
         error_bound: options.error_bound,
+        input_error: options.input_error,
         blocking: options.blocking,
         roots_offset: crate::header::HEADER_BYTES as u64,
         pages_offset: layout.pages_offset,

@@ -391,8 +391,8 @@ pub const SMALL_PAGES: Blocking = Blocking::Forest { slot_bytes: 4096, fan_out: 
 /// A disk with the tree's model file, `model.vdt`.
 pub fn disk_of(tree: &Tree, blocking: Blocking) -> MemoryDisk {
     let disk = MemoryDisk::new();
-    let (metric, strategy, error_bound) = (Metric::Length, Strategy::Btree, ErrorBound::None);
-    let options = ModelOptions { blocking, metric, strategy, error_bound };
+    let (metric, strategy, error_bound) = (Metric::Length, Strategy::Btree, ErrorBound::Fast);
+    let options = ModelOptions { blocking, metric, strategy, error_bound, input_error: 0.0 };
     let shared: Arc<dyn Disk> = Arc::new(disk.clone());
     let (tree, resources) = (StoredTree::from_tree(tree.clone()), WriteResources::in_memory());
     write_model(shared, Path::new("model.vdt"), &tree, &options, &resources, &mut |_| ()).unwrap();

@@ -113,6 +113,7 @@ impl RandomLog {
             origin: self.mesh.origin,
             exponent: self.mesh.exponent,
             cleaning: self.mesh.cleaning,
+            input_error: self.mesh.input_error,
             files: FileCounts::default(),
         }
     }

@@ -55,7 +55,7 @@ impl Sample {
     fn disk(&self, blocking: Blocking) -> MemoryDisk {
         let disk = MemoryDisk::new();
         let (metric, strategy, error_bound) = (Metric::Quadric, Order::Passes, ErrorBound::default());
-        let options = ModelOptions { blocking, metric, strategy, error_bound };
+        let options = ModelOptions { blocking, metric, strategy, error_bound, input_error: 0.0 };
         let tree = StoredTree::from_tree(self.tree.clone());
         let (path, resources) = (Path::new(FILE), WriteResources::in_memory());
         write_model(Arc::new(disk.clone()), path, &tree, &options, &resources, &mut |_| ()).unwrap();

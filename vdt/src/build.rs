@@ -151,6 +151,8 @@ pub struct BuildReport {
     pub files: FileCounts,
     /// What was changed on the way in.
     pub cleaning: CleaningCounts,
+    /// No point of a triangle in the files is farther than this from the mesh that was simplified, in mesh units.
+    pub input_error: f32,
     /// Rounds of collapses that kept all legality tests (1 with [`Strategy::Btree`]).
     pub rounds: u32,
     /// Collapses that kept all legality tests.
@@ -283,6 +285,7 @@ pub fn build(
     let mut report = BuildReport {
         files: mesh.files,
         cleaning: mesh.cleaning,
+        input_error: mesh.input_error,
         rounds: simplified.rounds,
         legal_collapses: simplified.legal_collapses,
         end_phase_collapses: simplified.log.len() - simplified.legal_collapses,

@@ -116,6 +116,7 @@ fn header(tree: &Tree, blocks: &Blocks, layout: &Layout, options: &ModelOptions)
         metric: options.metric,
         strategy: options.strategy,
         error_bound: options.error_bound,
+        input_error: options.input_error,
         blocking: options.blocking,
         roots_offset: HEADER_BYTES as u64,
         pages_offset: layout.pages_offset,

@@ -1,11 +1,14 @@
 //! The canonical form of a mesh that fits in RAM: the slow obvious way, by which [`super::store`] is judged.
 //!
-//! Memory: 24 bytes for each vertex and 12 for each triangle of the file, 20 more for each vertex while it is sorted.
+//! Memory: 24 bytes for each vertex and 12 for each triangle of the file, 20 more for each vertex while it is sorted; and
+//! where there are triangles without area, a table of all edges.
 
 use std::cmp::Ordering;
+use std::collections::HashSet;
 
-use super::frame::{Bounds, Grid, local, local_origin};
+use super::frame::{Bounds, Grid, Rounding, local, local_origin};
 use super::{CleaningCounts, CoreMesh};
+use crate::vector::{length, length_not_below, minus};
 
 fn compare_positions(left: &[f32; 3], right: &[f32; 3]) -> Ordering {
     let axis = |axis: usize| left[axis].total_cmp(&right[axis]);
@@ -25,12 +28,16 @@ pub fn canonical(
     let named_positions = positions.iter().zip(&named).filter(|(_, named)| **named).map(|(position, _)| *position);
     let origin = local_origin(&Bounds::of(named_positions));
     let mut locals: Vec<[f32; 3]> = Vec::with_capacity(positions.len());
+    let mut rounding = Rounding::default();
     for (index, position) in positions.iter().enumerate() {
-        let position = local(*position, origin);
-        if named[index] && !position.iter().all(|value| value.is_finite()) {
+        let in_frame = local(*position, origin);
+        if named[index] && !in_frame.iter().all(|value| value.is_finite()) {
             return Err(index);
         }
-        locals.push(position);
+        if named[index] {
+            rounding.include(*position, origin, in_frame);
+        }
+        locals.push(in_frame);
     }
     drop(positions);
 
@@ -66,7 +73,7 @@ pub fn canonical(
     drop(order);
     drop(locals);
 
-    let before = triangles.len();
+    let (before, mut segments) = (triangles.len(), Vec::new());
     triangles.retain_mut(|corners| {
         let [a, b, c] = corners.map(|corner| renumbered[corner as usize]);
         *corners = if a < b && a < c {
@@ -76,7 +83,11 @@ pub fn canonical(
         } else {
             [c, a, b]
         };
-        a != b && b != c && c != a
+        let has_area = a != b && b != c && c != a;
+        if !has_area {
+            segments.push(if a == b { [a, c] } else { [a, b] });
+        }
+        has_area
     });
     drop(renumbered);
     cleaning.degenerate_triangles += (before - triangles.len()) as u64;
@@ -84,9 +95,32 @@ pub fn canonical(
     let before = triangles.len();
     triangles.dedup();
     cleaning.duplicate_triangles += (before - triangles.len()) as u64;
+    let lost = reach(&segments, &triangles, &welded);
     let positions = without_unused(welded, &mut triangles, &mut cleaning);
     triangles.shrink_to_fit();
-    Ok(CoreMesh { positions, triangles, origin, exponent: grid.exponent, cleaning })
+    let input_error = length_not_below(rounding.largest + lost);
+    Ok(CoreMesh { positions, triangles, origin, exponent: grid.exponent, cleaning, input_error })
+}
+
+/// How far segments reach beyond the triangles: not at all where they are edges, half their length between two corners,
+/// their length from a corner to elsewhere.
+fn reach(segments: &[[u32; 2]], triangles: &[[u32; 3]], positions: &[[f32; 3]]) -> f64 {
+    if segments.is_empty() {
+        return 0.0;
+    }
+    let corners: HashSet<u32> = triangles.iter().flatten().copied().collect();
+    let edges: HashSet<[u32; 2]> =
+        triangles.iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a], [*b, *a], [*c, *b], [*a, *c]]).collect();
+    let at = |vertex: u32| positions[vertex as usize].map(f64::from);
+    let beyond = segments.iter().filter(|segment| !edges.contains(*segment)).map(|segment| {
+        let whole = length(minus(at(segment[0]), at(segment[1])));
+        match segment.iter().filter(|end| corners.contains(end)).count() {
+            0 => 0.0,
+            1 => whole,
+            _ => whole * 0.5,
+        }
+    });
+    beyond.fold(0.0, f64::max)
 }
 
 /// Drops the vertices that only degenerate triangles used, and closes the gaps in the ids; keeps all orders.

@@ -3,7 +3,7 @@
 //! - *Local origin.* Where the box of the mesh lies so far from zero, on some axis, that single precision would lose
 //!   detail, a point of it is subtracted on that axis. The origin is a multiple of a power of two as large as the box,
 //!   so for coordinates that were single precision to begin with the subtraction is exact.
-//! - *Single precision*, the same for every file format; -0.0 becomes 0.0.
+//! - *Single precision*, the same for every file format; -0.0 becomes 0.0. How far that moves a vertex at most is noted.
 //! - *Normalisation* by a power of two: exact, so that a mesh scaled by 1024 gives the same tree bit by bit. No absolute
 //!   tolerance is used anywhere.
 //!
@@ -12,6 +12,7 @@
 //! frame, are the corners of the box in the frame: nobody has to look at all vertices twice.
 
 use super::morton;
+use crate::vector::length;
 
 /// A box that grows.
 #[derive(Debug, Clone, Copy)]
@@ -68,6 +69,27 @@ pub(super) fn local_origin(bounds: &Bounds) -> [f64; 3] {
 pub(super) fn local(position: [f64; 3], origin: [f64; 3]) -> [f32; 3] {
     // Adding 0.0 turns -0.0 into 0.0.
     std::array::from_fn(|axis| (position[axis] - origin[axis]) as f32 + 0.0)
+}
+
+/// How far positions are moved by single precision.
+///
+/// Each difference here is exact: a position and the origin are within a factor of two of each other on each axis where
+/// there is an origin, and what single precision leaves of a number is less than what double precision holds of it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Rounding {
+    /// The largest distance so far, in mesh units, but for the rounding of its own square root.
+    pub largest: f64,
+}
+
+impl Rounding {
+    /// Takes a position, and what it became in the frame.
+    #[inline]
+    pub fn include(&mut self, position: [f64; 3], origin: [f64; 3], local: [f32; 3]) {
+        let moved = [0, 1, 2].map(|axis| (position[axis] - origin[axis]) - f64::from(local[axis]));
+        if moved != [0.0; 3] {
+            self.largest = self.largest.max(length(moved));
+        }
+    }
 }
 
 /// The power of two of a mesh and the grid of its Morton codes: 2^21 cells along the longest axis, or more than half

@@ -17,6 +17,7 @@ pub struct KeptMesh {
     origin: [u64; 3],
     exponent: i32,
     cleaning: CleaningCounts,
+    input_error: u32,
     files: FileCounts,
 }
 
@@ -50,6 +51,7 @@ impl StoredMesh {
             origin: self.origin.map(f64::to_bits),
             exponent: self.exponent,
             cleaning: self.cleaning,
+            input_error: self.input_error.to_bits(),
             files: self.files,
         })
     }
@@ -69,6 +71,7 @@ impl StoredMesh {
             origin: kept.origin.map(f64::from_bits),
             exponent: kept.exponent,
             cleaning: kept.cleaning,
+            input_error: f32::from_bits(kept.input_error),
             files: kept.files,
         })
     }

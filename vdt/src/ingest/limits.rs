@@ -12,6 +12,7 @@
 //! | | then: positions; ids by number in the file | left/4 and at most M/8; left/2 |
 //! | corners | window of the ids | at most 3/8 left |
 //! | | sorter of the triangles; those that wait for another window | 5/8 of the rest; 3/16 of the rest |
+//! | | sorter of the triangles without area | 1/16 of the rest |
 //! | triangles | triangles in order | left/2 and at most M/4 |
 //! | | seams: sorter, list; marks of the used vertices: window, all | left/8, left/16; left/8, left/16 |
 //!

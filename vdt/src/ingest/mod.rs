@@ -10,6 +10,10 @@
 //! 4. *Cleaning*, each kind counted: triangles with two equal corners, triangles that are there twice with the same
 //!    orientation, vertices that no triangle uses.
 //!
+//! What that may cost is the *input error*: no point of a triangle in the files is farther from the canonical mesh. It is
+//! the sum of how far single precision moves a vertex, and how far the triangles without area that are left out reach
+//! beyond the others (module `segments`). A file in single precision without such triangles has none.
+//!
 //! [`canonical`] does that in RAM, in the obvious way; [`store`] does it for files of any size within a memory limit,
 //! and cuts the mesh into spatial blocks. Both give the same mesh.
 //!
@@ -21,6 +25,7 @@
 //! | `weld`, `twins` | vertices sorted and welded: canonical ids |
 //! | `corners` | triangles from file numbers to canonical ids |
 //! | `triangles` | triangles sorted, duplicates dropped |
+//! | `segments` | triangles without area, and how far they reach beyond the mesh |
 //! | `blocks`, `seams` | spatial blocks and the vertices between them |
 //! | `gaps` | vertices that only degenerate triangles used |
 //! | `limits` | who gets how much RAM |
@@ -40,6 +45,7 @@ mod marks;
 mod morton;
 mod progress;
 mod seams;
+mod segments;
 mod stored;
 #[cfg(test)]
 mod tests;
@@ -58,14 +64,16 @@ pub use limits::smallest_memory;
 pub use load::{count, load, reading_needs};
 pub use stored::store;
 
-/// What was changed on the way in. None of it changes the surface; all of it is told to the user.
+/// What was changed on the way in. None of it changes the surface, or by no more than the input error; all of it is told
+/// to the user.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CleaningCounts {
     /// Vertices that had the position of another one, and became one with it.
     pub welded_vertices: u64,
     /// Vertices that no triangle uses: left out.
     pub isolated_vertices: u64,
-    /// Triangles with two corners at the same position: left out, they have no area.
+    /// Triangles with two corners at the same position: left out, they have no area. Those that touch no other triangle are
+    /// taken for lines, which are no part of a surface.
     pub degenerate_triangles: u64,
     /// Triangles that were there before with the same corners and orientation: left out.
     pub duplicate_triangles: u64,
@@ -90,6 +98,8 @@ pub struct CoreMesh {
     pub exponent: i32,
     /// What was changed on the way in.
     pub cleaning: CleaningCounts,
+    /// No point of a triangle in the files is farther than this from the mesh, in mesh units.
+    pub input_error: f32,
 }
 
 /// A mesh of any size in canonical form, in spatial blocks.
@@ -114,6 +124,8 @@ pub struct StoredMesh {
     pub exponent: i32,
     /// What was changed on the way in.
     pub cleaning: CleaningCounts,
+    /// No point of a triangle in the files is farther than this from the mesh, in mesh units; see the module.
+    pub input_error: f32,
     /// What the files held.
     pub files: FileCounts,
 }
@@ -137,6 +149,7 @@ impl StoredMesh {
             origin: mesh.origin,
             exponent: mesh.exponent,
             cleaning: mesh.cleaning,
+            input_error: mesh.input_error,
             files,
         }
     }

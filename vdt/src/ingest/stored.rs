@@ -3,7 +3,8 @@
 //! 1. The files are read once, into sequences of vertices and triangles (module `files`).
 //! 2. The box of the named vertices gives the frame; the vertices are sorted and welded (`weld`).
 //! 3. The triangles get canonical ids for their corners, a window of the ids in RAM at a time (`corners`), and are
-//!    sorted; degenerate ones are dropped on the way into the sort, duplicates on the way out (`triangles`).
+//!    sorted; degenerate ones are dropped on the way into the sort, duplicates on the way out (`triangles`). How far the
+//!    dropped ones reach is looked up afterwards (`segments`).
 //! 4. Blocks were chosen while the vertices passed, seams are found while the triangles do (`blocks`, `seams`).
 //!
 //! Memory: [`IngestPlan::memory`], shared out as module `limits` says; what fits never touches the disk. I/O with
@@ -25,11 +26,13 @@ use super::limits::{Kept, Limits, smallest_memory};
 use super::marks::Marks;
 use super::progress::Progress;
 use super::seams::Tiling;
+use super::segments::{Segment, reach};
 use super::triangles::{Corners, Ordered, order};
 use super::vertices::VertexSpool;
 use super::weld::{Welded, weld};
 use super::{CleaningCounts, FileCounts, IngestPlan, StoredMesh};
 use crate::mesh::MeshError;
+use crate::vector::length_not_below;
 
 /// Brings the mesh in `paths` (several files are one mesh) into canonical form and into blocks.
 ///
@@ -87,7 +90,7 @@ pub(super) fn in_blocks(
 
     progress.phase(0.3);
     let triangles_ram = Chunk::ram(&triangles);
-    let Welded { positions, ids, twins, ids_ram, welded, blocks } =
+    let Welded { positions, ids, twins, ids_ram, welded, rounding, blocks } =
         weld(vertices, named, counts.vertices, origin, &grid, scratch, limits, triangles_ram, progress)?;
     cleaning.welded_vertices += welded;
 
@@ -101,15 +104,19 @@ pub(super) fn in_blocks(
 
     progress.phase(0.25);
     let vertices = positions.spool.len() as u32;
-    let left = limits.left(&[positions.ram, sorting.ram]);
+    let left = limits.left(&[positions.ram, sorting.ram, sorting.segments_ram]);
     let mark_used = sorting.degenerate > 0;
     let ordered = order(sorting.sorted, &blocks, vertices, mark_used, scratch, limits, left, progress)?;
     cleaning.duplicate_triangles += ordered.duplicates;
+    let used_ram = ordered.used.as_ref().map_or(0, Marks::ram);
+    let share = limits.left(&[positions.ram, ordered.triangles.ram, used_ram, sorting.segments_ram]) / 4;
+    let lost = reach(sorting.segments, &ordered.triangles.spool, &positions.spool, share, limits.buffer())?;
     let mut mesh = StoredMesh {
         bounds: local_bounds,
         origin,
         exponent: grid.exponent,
         cleaning,
+        input_error: length_not_below(rounding.largest + lost),
         files: counts,
         ..empty(counts, cleaning)
     };
@@ -153,7 +160,7 @@ fn close_gaps(
     let counts = FileCounts { vertices: used.marked + used.unmarked, triangles: triangles.spool.len() };
     let chunks = Chunk::of_ordered(triangles, limits.triangle_chunk)?;
     let sorting = sort_corners(chunks, counts, closed_ids(used, limits.buffer()), scratch, limits, left, progress)?;
-    let left = limits.left(&[kept.positions.ram, used.ram(), sorting.ram]);
+    let left = limits.left(&[kept.positions.ram, used.ram(), sorting.ram, sorting.segments_ram]);
     let vertices = used.marked as u32;
     let ordered = order(sorting.sorted, &kept.blocks, vertices, false, scratch, limits, left, progress)?;
     fill(mesh, kept.positions, ordered.triangles, ordered.tiling);
@@ -167,6 +174,10 @@ struct Sorting {
     ram: usize,
     /// Triangles with two equal corners.
     degenerate: u64,
+    /// Those of them that are not points.
+    segments: Sorted<Segment>,
+    /// Bytes of RAM that these may hold.
+    segments_ram: usize,
 }
 
 /// Gives triangles the ids of their corners, one by one from `next_id`, and sorts them. `left` are the bytes of RAM to
@@ -183,8 +194,9 @@ fn sort_corners(
     let all_ids = usize::try_from(counts.vertices.saturating_mul(4)).unwrap_or(usize::MAX);
     let window = all_ids.min(left / 8 * 3);
     let rest = left - window;
-    let ram = rest / 8 * 5;
+    let (ram, segments_ram) = (rest / 8 * 5, rest / 16);
     let mut sorter = Sorter::new(scratch, "triangles-by-corners", ram, limits.threads);
+    let mut segments = Sorter::new(scratch, "triangles-without-area", segments_ram, 1);
     let (mut degenerate, mut taken) = (0, 0);
     let resolve_limits = ResolveLimits { window, waiting: rest / 16, chunk_triangles: limits.triangle_chunk };
     resolve(chunks, next_id, scratch, &resolve_limits, |corners| {
@@ -194,11 +206,11 @@ fn sort_corners(
             Some(corners) => sorter.push(corners),
             None => {
                 degenerate += 1;
-                Ok(())
+                Segment::of(corners).map_or(Ok(()), |segment| segments.push(segment))
             }
         }
     })?;
-    Ok(Sorting { sorted: sorter.finish()?, ram, degenerate })
+    Ok(Sorting { sorted: sorter.finish()?, ram, degenerate, segments: segments.finish()?, segments_ram })
 }
 
 /// The box of the vertices that faces name.
@@ -245,6 +257,7 @@ fn empty(files: FileCounts, cleaning: CleaningCounts) -> StoredMesh {
         origin: [0.0; 3],
         exponent: 0,
         cleaning,
+        input_error: 0.0,
         files,
     }
 }

@@ -13,6 +13,7 @@ use super::progress::Progress;
 use super::stored::in_blocks;
 use super::*;
 use crate::mesh::MeshError;
+use crate::vector::{cross, dot, length, minus, unit};
 
 /// What one file holds.
 #[derive(Debug, Clone)]
@@ -164,6 +165,7 @@ fn check(stored: &StoredMesh, core: &CoreMesh, block_triangles: u64) {
     assert_eq!(triangles, core.triangles);
     assert_eq!((stored.origin, stored.exponent), (core.origin, core.exponent));
     assert_eq!(stored.cleaning, core.cleaning);
+    assert_eq!(stored.input_error.to_bits(), core.input_error.to_bits());
     let extreme = |axis: usize, largest: bool| {
         let values = positions.iter().map(|position| position[axis]);
         if largest { values.max_by(f32::total_cmp) } else { values.min_by(f32::total_cmp) }.unwrap_or(0.0)
@@ -312,4 +314,91 @@ fn a_missing_file_is_an_error() {
     let paths = [Path::new("/nowhere/at/all.ply").to_path_buf()];
     let error = store(&LocalDisk, &Scratch::in_memory(), &paths, &plan, &mut |_| ()).unwrap_err();
     assert!(error.to_string().contains("/nowhere/at/all.ply"), "{error}");
+}
+
+/// The distance from a point to a triangle: to its plane where the foot is inside, else to the nearest edge.
+fn distance(point: [f64; 3], triangle: [[f64; 3]; 3]) -> f64 {
+    let along = |from: [f64; 3], to: [f64; 3]| {
+        let (edge, way) = (minus(to, from), minus(point, from));
+        let share = (dot(way, edge) / dot(edge, edge).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        length(minus(way, edge.map(|component| component * share)))
+    };
+    let edges = [0, 1, 2].map(|corner| (triangle[corner], triangle[(corner + 1) % 3]));
+    let nearest = edges.iter().map(|(from, to)| along(*from, *to)).fold(f64::INFINITY, f64::min);
+    let normal = unit(cross(minus(triangle[1], triangle[0]), minus(triangle[2], triangle[0])));
+    let is_inside = edges.iter().all(|(from, to)| dot(cross(minus(*to, *from), minus(point, *from)), normal) >= 0.0);
+    if is_inside && normal != [0.0; 3] { dot(minus(point, triangle[0]), normal).abs().min(nearest) } else { nearest }
+}
+
+/// Points that single precision does not hold, some of them a hair apart.
+fn double_points() -> impl Strategy<Value = Vec<[f64; 3]>> {
+    let value = prop_oneof![(0..4_i32).prop_map(f64::from), -3.0..3.0_f64];
+    let hair = prop_oneof![Just(0.0), -1e-9..1e-9_f64];
+    let point = (prop::array::uniform3(value), hair).prop_map(|([x, y, z], hair)| [x + hair, y, z]);
+    prop::collection::vec(point, 3..12)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+
+    #[test]
+    fn no_point_of_the_files_is_farther_from_the_mesh_than_the_input_error(
+        points in double_points(),
+        corners in prop::collection::vec(prop::array::uniform3(any::<prop::sample::Index>()), 1..14),
+        far in prop_oneof![Just(0.0), Just(123_456.7), Just(-4e6)],
+    ) {
+        let points: Vec<[f64; 3]> = points.iter().map(|point| point.map(|value| value + far)).collect();
+        let triangles: Vec<[usize; 3]> = corners.iter().map(|c| c.map(|corner| corner.index(points.len()))).collect();
+        let in_core = triangles.iter().map(|corners| corners.map(|corner| corner as u32)).collect();
+        let mesh = canonical(points.clone(), in_core, CleaningCounts::default()).unwrap();
+        // Lengths near the origin: there the distances are exact enough.
+        let kept = |corner: u32| mesh.positions[corner as usize].map(f64::from);
+        let mesh_triangles: Vec<_> = mesh.triangles.iter().map(|corners| corners.map(kept)).collect();
+        let is_corner = |point: [f64; 3]| mesh.positions.contains(&frame::local(point, mesh.origin));
+        let mut largest = 0.0_f64;
+        for corners in &triangles {
+            let corners = corners.map(|corner| points[corner]);
+            if !corners.iter().any(|corner| is_corner(*corner)) {
+                // A line or a point apart from the surface.
+                continue;
+            }
+            for weights in [[1.0, 0.0, 0.0], [0.0, 0.5, 0.5], [0.5, 0.0, 0.5], [0.5, 0.5, 0.0], [0.2, 0.3, 0.5]] {
+                let point = [0, 1, 2].map(|axis| {
+                    (0..3).map(|corner| weights[corner] * (corners[corner][axis] - mesh.origin[axis])).sum::<f64>()
+                });
+                let nearest = mesh_triangles.iter().map(|triangle| distance(point, *triangle));
+                largest = largest.max(nearest.fold(f64::INFINITY, f64::min));
+            }
+        }
+        prop_assert!(largest <= f64::from(mesh.input_error) + 1e-12, "{} > {}", largest, mesh.input_error);
+
+        // Where nothing was left out, it is the largest step of a vertex and nothing else.
+        if mesh.cleaning.degenerate_triangles == 0 {
+            let named: BTreeSet<usize> = triangles.iter().flatten().copied().collect();
+            let steps = named.iter().map(|vertex| {
+                let local = frame::local(points[*vertex], mesh.origin);
+                let squares = (0..3).map(|axis| (points[*vertex][axis] - mesh.origin[axis] - f64::from(local[axis])).powi(2));
+                squares.sum::<f64>().sqrt()
+            });
+            let largest = steps.fold(0.0, f64::max);
+            prop_assert!(mesh.input_error >= largest as f32 && f64::from(mesh.input_error) <= largest * 1.000_001);
+        }
+    }
+}
+
+#[test]
+fn single_precision_has_no_input_error_and_a_segment_has_half_its_length() {
+    let square = [[0.0; 3], [4.0, 0.0, 0.0], [4.0, 4.0, 0.0], [0.0, 4.0, 0.0]];
+    let error = |triangles: &[[u32; 3]], far: f64| {
+        let positions = square.iter().map(|position| position.map(|value| value + far)).collect();
+        canonical(positions, triangles.to_vec(), CleaningCounts::default()).unwrap().input_error
+    };
+    let whole = [[0, 1, 2], [0, 2, 3]];
+    assert_eq!((error(&whole, 0.0), error(&whole, 16_777_216.0)), (0.0, 0.0));
+    assert_eq!(error(&[[0, 1, 2], [0, 2, 3], [0, 0, 1], [2, 0, 2]], 0.0), 0.0);
+    // Between the two corners that have no edge in common.
+    let half = error(&[[0, 1, 2], [0, 2, 3], [1, 1, 3]], 0.0);
+    assert!(half >= 8.0_f32.sqrt() && half < 2.8285, "{half}");
+    // Corner 3 is in no triangle.
+    assert_eq!(error(&[[0, 1, 2], [0, 0, 3]], 0.0), 4.0_f32.next_up());
 }

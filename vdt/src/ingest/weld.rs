@@ -7,7 +7,7 @@ use bytemuck::{Pod, Zeroable};
 use storage::{Scatter, Scattered, Scratch, SortRecord, Sorter, SpoolWriter, StorageError};
 
 use super::blocks::BlockChooser;
-use super::frame::{Grid, local};
+use super::frame::{Grid, Rounding, local};
 use super::limits::{Kept, Limits, held};
 use super::marks::Marks;
 use super::progress::Progress;
@@ -56,6 +56,8 @@ pub(super) struct Welded {
     pub ids_ram: usize,
     /// Vertices of the files that became one with another.
     pub welded: u64,
+    /// How far they were moved.
+    pub rounding: Rounding,
     /// The first vertex of each block.
     pub blocks: Vec<u32>,
 }
@@ -77,10 +79,11 @@ pub(super) fn weld(
     let mut sorter = Sorter::new(scratch, "vertices-by-code", sorter_ram, limits.threads);
     let mut twins = TwinFinder::new(scratch, limits.buffer());
     let mut marks = named.reader(limits.buffer());
-    let mut number = 0_u32;
+    let (mut number, mut rounding) = (0_u32, Rounding::default());
     vertices.for_each(limits.buffer(), |position| {
         if marks.next()? {
             let local = local(position, origin);
+            rounding.include(position, origin, local);
             let position = local.map(ordered_bits);
             if !twins.has_twin(number, position)? {
                 sorter.push(VertexRecord { code: grid.code(local), position, number })?;
@@ -121,6 +124,7 @@ pub(super) fn weld(
         twins,
         ids_ram,
         welded,
+        rounding,
         blocks: blocks.finish(),
     })
 }

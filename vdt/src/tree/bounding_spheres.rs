@@ -3,6 +3,8 @@
 //! radius(p) = max(radius(kept child), distance to the born child + its radius): the kept child stands where its parent
 //! does. A leaf's radius is 0. Worked out with each collapse, from the values of the two nodes that it unites.
 
+use crate::vector::rounded_up;
+
 /// Radius of the bounding sphere of a new node, in mesh units, from the positions of its kept and its born child and the
 /// radii of their spheres. Rounded up, so that "inside" is true of the stored numbers.
 #[inline]
@@ -10,12 +12,6 @@ pub fn enclosing_radius(kept_at: [f32; 3], kept_radius: f32, born_at: [f32; 3], 
     let [from, to] = [kept_at, born_at].map(|position| position.map(f64::from));
     let square: f64 = (0..3).map(|axis| (to[axis] - from[axis]) * (to[axis] - from[axis])).sum();
     rounded_up(f64::from(kept_radius).max(square.sqrt() + f64::from(born_radius)))
-}
-
-/// The smallest f32 that is not below `value`, or the largest there is.
-fn rounded_up(value: f64) -> f32 {
-    let nearest = (value as f32).min(f32::MAX);
-    if f64::from(nearest) < value { nearest.next_up().min(f32::MAX) } else { nearest }
 }
 
 #[cfg(test)]

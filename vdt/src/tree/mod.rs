@@ -26,3 +26,5 @@ pub use record::{
     BornTriangles, ErrorBound, Metric, NO_SPLIT, NormalCone, Root, Split, Strategy, Tree, UnknownNameError,
 };
 pub use stored::StoredTree;
+
+pub use crate::vector::{length_not_below, rounded_up};
