@@ -161,3 +161,81 @@ impl Cutter {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// A convex polygon in a plane: points on a circle, by ascending angle.
+    fn polygon() -> impl Strategy<Value = Vec<[f32; 3]>> {
+        prop::collection::btree_set(0..360_u32, 3..=MOST_CORNERS).prop_map(|angles| {
+            let corner = |angle: u32| {
+                let angle = (angle as f32).to_radians();
+                [0.4 + angle.cos(), 0.3 + angle.sin(), 0.1 * angle.cos()]
+            };
+            angles.into_iter().map(corner).collect()
+        })
+    }
+
+    /// The area above the xy plane.
+    fn area(corners: &[[f32; 3]]) -> f32 {
+        let origin = corners.first().copied().unwrap_or_default();
+        let pairs = corners.windows(2).map(|pair| {
+            let [a, b] = [pair[0], pair[1]].map(|p| [p[0] - origin[0], p[1] - origin[1]]);
+            a[0] * b[1] - a[1] * b[0]
+        });
+        pairs.sum::<f32>() / 2.0
+    }
+
+    proptest! {
+        /// The parts are convex polygons with the orientation of the piece, and cover it: their areas add up.
+        #[test]
+        fn the_parts_make_up_the_piece(
+            corners in polygon(), sectors in prop::collection::vec(0..4_usize, MOST_CORNERS),
+            spokes in prop::array::uniform4(prop::array::uniform3(-1.0_f32..1.0)),
+        ) {
+            let mut shape = Shape::default();
+            for (corner, sector) in corners.iter().zip(&sectors) {
+                shape.push(*corner, *sector, 0.25);
+            }
+            let count = corners.len();
+            let crossings = |spoke: usize| {
+                (0..count).filter(|side| (sectors[*side] < spoke) != (sectors[(*side + 1) % count] < spoke)).count()
+            };
+            let is_simple = (1..4).all(|spoke| crossings(spoke) <= 2);
+            let mut cutter = Cutter::default();
+            prop_assert_eq!(cutter.cut(&shape, [0.0; 3], &spokes), is_simple);
+            if is_simple {
+                let mut sum = 0.0;
+                for part in &cutter.parts {
+                    let part_area = area(&part.corners[..part.count]);
+                    prop_assert!(part_area >= -1e-5, "{}", part_area);
+                    sum += part_area;
+                }
+                prop_assert!((sum - area(&corners)).abs() < 1e-4, "{} {}", sum, area(&corners));
+                for (corner, sector) in corners.iter().zip(&sectors) {
+                    let part = cutter.parts.iter().find(|part| part.sector == *sector).unwrap();
+                    prop_assert!(part.corners[..part.count].contains(corner) && part.square >= 0.25);
+                }
+            }
+        }
+    }
+
+    /// By hand: a square over two sectors that meet along the x axis.
+    #[test]
+    fn a_square_is_cut_in_the_middle() {
+        let mut shape = Shape::default();
+        for (corner, sector) in [([1.0, -1.0, 0.0], 0), ([3.0, -1.0, 0.0], 0), ([3.0, 1.0, 0.0], 1), ([1.0, 1.0, 0.0], 1)] {
+            shape.push(corner, sector, 0.0);
+        }
+        let mut cutter = Cutter::default();
+        assert!(cutter.cut(&shape, [0.0; 3], &[[0.0; 3], [4.0, 0.0, 1.0]]));
+        let [lower, upper] = [0, 1].map(|part: usize| cutter.parts[part]);
+        assert_eq!(lower.corners().unwrap(), [[1.0, -1.0, 0.0], [3.0, -1.0, 0.0], [3.0, 0.0, 0.0], [1.0, 0.0, 0.0]]);
+        assert_eq!(upper.corners().unwrap().len(), 4);
+        // (3, 0, 0) is nearest to (48, 0, 12) / 17, 3 / sqrt 17 away.
+        assert!((lower.square - 9.0 / 17.0).abs() < 1e-6 && upper.square == lower.square);
+    }
+}

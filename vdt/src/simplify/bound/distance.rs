@@ -132,7 +132,7 @@ mod tests {
         length(minus(point, along(a, b, t)))
     }
 
-    /// Nearest by ternary search: the distance is convex in each parameter.
+    /// The smallest value of a convex function of a number from 0 to 1, by ternary search.
     fn smallest(mut distance: impl FnMut(f64) -> f64) -> f64 {
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..100 {
@@ -143,7 +143,8 @@ mod tests {
     }
 
     fn slowly(point: Vector, a: Vector, b: Vector) -> f64 {
-        smallest(|t| point_segment(point, [0.0; 3], along(a, b, t)))
+        // From the segment across the triangle at each distance from its first corner.
+        smallest(|t| point_segment(point, along([0.0; 3], a, t), along([0.0; 3], b, t)))
     }
 
     fn vector() -> impl Strategy<Value = [f32; 3]> {

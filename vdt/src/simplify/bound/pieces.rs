@@ -218,3 +218,68 @@ impl Covers {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn piece(number: u32) -> Piece {
+        let corner = |index: u32| [number as f32, index as f32, 0.5];
+        let corners: Vec<_> = (0..1 + number % MOST_CORNERS as u32).map(corner).collect();
+        Piece::new(&corners, number as f32)
+    }
+
+    fn bases(covers: &Covers, triangle: usize) -> Vec<f32> {
+        covers.pieces(covers.of(triangle)).map(|piece| piece.base).collect()
+    }
+
+    #[test]
+    fn a_piece_is_56_bytes_and_remembers_its_owner() {
+        assert_eq!((size_of::<Piece>(), size_of::<Cover>()), (56, 8));
+        for number in 0..8 {
+            let owned = piece(number).owned_by(12_345_678);
+            assert_eq!((owned.owner(), owned.corner_count()), (12_345_678, 1 + number as usize % MOST_CORNERS));
+        }
+    }
+
+    proptest! {
+        /// Lists of pieces, held against plain vectors; places that are free are used again.
+        #[test]
+        fn triangles_keep_the_pieces_that_they_were_given(
+            steps in prop::collection::vec((0..40_usize, 0..4_u32), 0..3000),
+        ) {
+            let mut covers = Covers::new(true);
+            let mut expected: Vec<Vec<f32>> = vec![Vec::new(); 40];
+            (0..40).for_each(|_| covers.push(0.0));
+            let mut most = 0;
+            for (number, (triangle, action)) in (0..).zip(steps) {
+                if action == 0 {
+                    covers.set(triangle, number as f32);
+                    prop_assert_eq!(covers.of(triangle).residual, number as f32);
+                    expected[triangle].clear();
+                } else {
+                    covers.add_piece(triangle, &piece(number));
+                    expected[triangle].insert(0, number as f32);
+                }
+                let count = expected.iter().map(Vec::len).sum();
+                prop_assert_eq!(covers.piece_count(), count);
+                most = most.max(count);
+            }
+            prop_assert_eq!(covers.used as usize, most);
+            for (triangle, expected) in expected.iter().enumerate() {
+                prop_assert_eq!(&bases(&covers, triangle), expected);
+            }
+        }
+    }
+
+    #[test]
+    fn without_a_bound_nothing_is_noted() {
+        let mut covers = Covers::new(false);
+        covers.push(0.25);
+        covers.add_piece(0, &piece(1));
+        covers.set(0, 0.5);
+        assert_eq!((covers.of(0), covers.piece_count()), (Cover::INPUT, 0));
+    }
+}
