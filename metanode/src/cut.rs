@@ -11,7 +11,7 @@
 //! binary tree for the vertices, 9 bytes for each tree; for the statement, where parts have vanished, 31 bytes for each of
 //! those and a bit for each vertex. I/O: each page with an applied split once for the counts, once for the triangles and
 //! (but for a few near the root) once for the vertices; for the statement, where parts have vanished, once more for the
-//! triangles and for the vertices.
+//! triangles and three times for the vertices.
 
 use crate::bits::{Bits, RankedBits};
 use crate::header::ModelError;
@@ -77,14 +77,16 @@ impl<'a> UniformCut<'a> {
                 corners.iter().for_each(|corner| on_surface.insert(*corner as u32));
                 Ok(())
             })?;
-            let mut number = 0;
-            self.for_each_vertex(|position| -> Result<(), ModelError> {
-                if on_surface.contains(number) {
-                    vanished.pass(position);
-                }
-                number += 1;
-                Ok(())
-            })?;
+            for stride in STRIDES {
+                let mut number = 0;
+                self.for_each_vertex(|position| -> Result<(), ModelError> {
+                    if number % stride == 0 && on_surface.contains(number) {
+                        vanished.pass(position);
+                    }
+                    number += 1;
+                    Ok(())
+                })?;
+            }
         }
         let largest_switch = self.trees.largest_unsplit();
         let drawn = Drawn { largest_switch, is_a_state: true, vanished: &vanished };
@@ -211,6 +213,10 @@ impl Trees {
         self.drawn.resident_bytes() + self.unsplit.capacity() * size_of::<f32>()
     }
 }
+
+/// One vertex of so many passes by the parts that have vanished, in turn. Vertices in the order of the leaves come nearer
+/// to a part step by step, and each step is work; with some from everywhere ahead, few are left.
+const STRIDES: [u32; 3] = [1024, 32, 1];
 
 /// What is left to be done while the vertices are handed out in the order of the leaves.
 enum Step {
