@@ -53,6 +53,8 @@ pub enum Command {
     Extract(ExtractOptions),
     /// Fly along a camera path within a RAM budget, and report what every frame did.
     Navigate(NavigateOptions),
+    /// Say how far two meshes are apart: mean, root mean square and largest distance, both ways.
+    Compare(CompareOptions),
     /// Measure how meshes are built: the paper's Table 1, or bytes moved against memory.
     Bench(BenchOptions),
 }
@@ -420,6 +422,40 @@ pub struct NavigateOptions {
     /// Replace an existing CSV file.
     #[arg(long)]
     pub force: bool,
+}
+
+/// `vdt compare`
+#[derive(Debug, Args)]
+#[command(
+    after_long_help = "A distance is that of a point of one surface from the nearest point of the other; colours and \
+                             other attributes are no part of it. Mean and rms are over the area, by samples. The \
+                             largest distance is one that was found, at a point that is told; the true maximum lies \
+                             between it and the bound beside it.\n\n\
+                             Examples:\n  vdt compare bunny.ply small.ply\n  \
+                             vdt compare scan.obj print.stl --samples 10000000 --memory 2G\n  \
+                             vdt compare --json --one-sided bunny.ply small.ply"
+)]
+pub struct CompareOptions {
+    /// The first mesh, of any format that can be read.
+    pub mesh_a: PathBuf,
+    /// The second mesh.
+    pub mesh_b: PathBuf,
+    /// Samples on each surface, spread evenly over its area. The vertices are looked at besides; of more vertices than
+    /// samples, only so many.
+    #[arg(long, default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(1..=1_000_000_000_000))]
+    pub samples: u64,
+    /// RAM for what grows with the meshes; what does not fit goes to the scratch. The result does not depend on it.
+    #[arg(long, default_value = "256M")]
+    pub memory: ByteSize,
+    /// How many threads may work. The result does not depend on it. [default: as many as the machine runs at once]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub threads: Option<u16>,
+    /// Measure only from the first mesh to the second.
+    #[arg(long)]
+    pub one_sided: bool,
+    /// Folder for temporary files. [default: the system's for temporary files]
+    #[arg(long, value_name = "DIR")]
+    pub scratch: Option<PathBuf>,
 }
 
 /// `vdt bench`

@@ -9,6 +9,7 @@ mod arguments;
 mod bench;
 mod build;
 mod chart;
+mod compare;
 mod demo;
 mod extract;
 mod generate;
@@ -44,6 +45,7 @@ pub fn run() -> ExitCode {
         Command::Verify(options) => verify::run(options, json),
         Command::Extract(options) => extract::run(options, json),
         Command::Navigate(options) => navigate::run(options, json),
+        Command::Compare(options) => compare::run(&options, json),
         Command::Bench(options) => bench::run(options, json),
     };
     match result {

@@ -20,8 +20,8 @@ pub struct History {
     pub legal: usize,
 }
 
-fn simplified(mesh: &StoredMesh, metric: Metric, strategy: Strategy) -> Simplified {
-    let (error_bound, edge_tree) = (ErrorBound::default(), EdgeTreeKind::Redb);
+fn simplified(mesh: &StoredMesh, metric: Metric, strategy: Strategy, error_bound: ErrorBound) -> Simplified {
+    let edge_tree = EdgeTreeKind::Redb;
     let options = SimplifyOptions { metric, strategy, error_bound, memory: PLENTY, threads: 1, edge_tree };
     simplify(mesh, &options, &Scratch::in_memory(), &mut |_| ()).unwrap()
 }
@@ -32,7 +32,7 @@ fn stored(mesh: &CoreMesh) -> StoredMesh {
 
 /// What happens to a mesh when it is simplified.
 pub fn history(mesh: &CoreMesh, metric: Metric, strategy: Strategy) -> History {
-    let simplified = simplified(&stored(mesh), metric, strategy);
+    let simplified = simplified(&stored(mesh), metric, strategy, ErrorBound::default());
     let mut reader = simplified.log.reader(1 << 20);
     let mut collapses = Vec::new();
     while let Some(collapse) = reader.next().unwrap() {
@@ -51,9 +51,14 @@ pub fn history(mesh: &CoreMesh, metric: Metric, strategy: Strategy) -> History {
     History { collapses, death, legal: simplified.legal_collapses as usize }
 }
 
-/// The tree of a mesh.
+/// The tree of a mesh, with the default bound.
 pub fn tree(mesh: &CoreMesh, metric: Metric, strategy: Strategy) -> Tree {
+    tree_with(mesh, metric, strategy, ErrorBound::default())
+}
+
+/// The tree of a mesh.
+pub fn tree_with(mesh: &CoreMesh, metric: Metric, strategy: Strategy, error_bound: ErrorBound) -> Tree {
     let mesh = stored(mesh);
-    let simplified = simplified(&mesh, metric, strategy);
+    let simplified = simplified(&mesh, metric, strategy, error_bound);
     finish(mesh, simplified, &Scratch::in_memory(), PLENTY, 1, &mut |_| ()).unwrap().load().unwrap()
 }

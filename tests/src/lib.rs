@@ -9,6 +9,7 @@
 //! | [`plain_tree`] | the tree of a list of collapses, from nodes with links |
 //! | [`replay`] | a simplification done over again, one triangle list and nothing else |
 //! | [`cut`] | the mesh of a cut by the rule: three corners with three distinct active ancestors |
+//! | [`distance`] | how far points are from triangles |
 //! | [`mesh_files`] | meshes as files of every format, and a PLY reader |
 //! | [`program`] | the program, run in a folder of its own |
 //! | [`memory`] | what the operating system says of a process's memory, and memory cgroups |
@@ -16,6 +17,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a panic is how a test fails")]
 
 pub mod cut;
+pub mod distance;
 pub mod history;
 pub mod memory;
 pub mod mesh_files;

@@ -192,16 +192,16 @@ pub fn estimate(counts: FileCounts, options: &BuildOptions) -> Estimate {
     let is_external = in_core > memory;
     let simplify = match (options.strategy, options.edge_tree) {
         (Strategy::Btree, EdgeTreeKind::Sled) => {
-            simplify::smallest_memory_with_sled(counts.vertices, counts.triangles).0
+            simplify::smallest_memory_with_sled(counts.vertices, counts.triangles, options.error_bound).0
         }
-        _ => simplify::smallest_memory(counts.triangles, options.threads).0,
+        _ => simplify::smallest_memory(counts.triangles, options.threads, options.error_bound).0,
     };
-    let reading = ingest::smallest_memory(counts, simplify::block_triangles(options.memory, options.threads)).0;
+    let reading = ingest::smallest_memory(counts, simplify::block_triangles(options.memory, options.threads, options.error_bound)).0;
     Estimate {
         peak_bytes: PROGRAM_BYTES + in_core.min(memory),
         smallest_memory: ByteSize(simplify.max(reading)),
         scratch_bytes: if is_external {
-            simplify::scratch_bytes(counts.triangles, options.memory, options.threads)
+            simplify::scratch_bytes(counts.triangles, options.memory, options.threads, options.error_bound)
         } else {
             0
         },
@@ -242,7 +242,7 @@ pub fn build(
         None => {
             progress(Step { phase: Phase::Reading, share: 0.0, triangles: 0 });
             let watch = PhaseWatch::start();
-            let block_triangles = simplify::block_triangles(memory, threads);
+            let block_triangles = simplify::block_triangles(memory, threads, error_bound);
             let plan = IngestPlan { memory, threads, block_triangles };
             let mut mesh = ingest::store(disk, scratch, paths, &plan, &mut |share| {
                 progress(Step { phase: Phase::Reading, share, triangles: 0 });
@@ -258,7 +258,7 @@ pub fn build(
     };
     let mut mesh = mesh;
     let triangles = mesh.triangles.len();
-    let needed = simplify::smallest_memory(triangles, threads);
+    let needed = simplify::smallest_memory(triangles, threads, error_bound);
     if strategy == Strategy::Passes && needed > memory {
         return Err(BuildError::Memory { triangles, needed, memory });
     }

@@ -15,8 +15,9 @@
 //! What a collapse reads are the stars of its two ends, their quadrics and nodes, and positions; what it writes are the
 //! stars of the ring of the vertex that goes, and the vertex that stays. External passes rest on that (`unsettled`).
 
-use crate::tree::{NormalCone, enclosing_cone, enclosing_radius};
+use crate::tree::{ErrorBound, NormalCone, enclosing_cone, enclosing_radius};
 
+use super::bound::{Rewriter, Rewritten};
 use super::legality::{Rings, Verdict};
 use super::live_mesh::{LiveMesh, Vertex};
 use super::log::LoggedCollapse;
@@ -119,6 +120,8 @@ pub(super) struct Engine<M> {
     /// The component that the end phase is at.
     pub watched: Watched,
     rings: Rings,
+    /// Works out certified errors; none where the metric's are asked for.
+    rewriter: Option<Rewriter>,
     dead: Vec<(u32, u32)>,
     /// The round that goes on.
     pub round: u32,
@@ -141,13 +144,14 @@ pub(super) fn hash_pair(low: u32, high: u32) -> u32 {
 
 impl<M: CollapseMetric> Engine<M> {
     /// An engine for (parts of) a mesh that is at most 2^exponent wide.
-    pub fn new(mesh: LiveMesh, metric: M, exponent: i32) -> Self {
+    pub fn new(mesh: LiveMesh, metric: M, exponent: i32, bound: ErrorBound) -> Self {
         Engine {
             mesh,
             metric,
             rules: Rules::Strict,
             watched: Watched::default(),
             rings: Rings::default(),
+            rewriter: bound.is_certified().then(|| Rewriter::new(bound.pieces() - 1)),
             dead: Vec::new(),
             round: 0,
             collapses: Vec::new(),
@@ -230,15 +234,26 @@ impl<M: CollapseMetric> Engine<M> {
     fn collapse(&mut self, gone: u32, stays: u32, order: u32) {
         let d = self.mesh.displacement(gone, stays);
         let gone_quadric = self.mesh.vertices[gone as usize].quadric;
-        let own = self.metric.error(&gone_quadric, &self.mesh.vertices[stays as usize].quadric, d);
-        let own = match self.rules {
-            Rules::Strict => own,
-            Rules::Relaxed => own.max(end_phase_error(&self.mesh, gone, stays, &self.rings.gone)),
+        let Rewritten { error: own, rewriters: other_rewriters } = match (&mut self.rewriter, self.rules) {
+            (Some(rewriter), rules) => rewriter.measure(&self.mesh, gone, stays, &self.rings.gone).unwrap_or_else(|| {
+                // A part has vanished: what it answered for lies no farther from the rest of its component than that is
+                // wide. (No legal collapse makes a part vanish.)
+                let error = if rules == Rules::Relaxed { self.watched.diameter } else { f32::MAX };
+                Rewritten { error, rewriters: 0.0 }
+            }),
+            (None, rules) => {
+                let own = self.metric.error(&gone_quadric, &self.mesh.vertices[stays as usize].quadric, d);
+                let error = match rules {
+                    Rules::Strict => own,
+                    Rules::Relaxed => own.max(end_phase_error(&self.mesh, gone, stays, &self.rings.gone)),
+                };
+                Rewritten { error, rewriters: 0.0 }
+            }
         };
         let born = self.mesh.nodes[gone as usize];
         let kept = self.mesh.nodes[stays as usize];
         let star = self.mesh.star(gone).iter();
-        let rewriters = star.map(|triangle| self.mesh.triangles[*triangle as usize].switch).fold(0.0, f32::max);
+        let rewriters = star.map(|triangle| self.mesh.triangles[*triangle as usize].switch).fold(other_rewriters, f32::max);
         let mut switch =
             own.max(born.switch).max(kept.switch).max(rewriters).max(born.star_switch).max(SMALLEST_SWITCH);
         if self.rules == Rules::Relaxed {
@@ -257,6 +272,9 @@ impl<M: CollapseMetric> Engine<M> {
             self.mesh.touch(*corner, self.round);
         }
         self.mesh.contract(gone, stays, &self.rings.gone, switch, &mut self.dead);
+        if let Some(rewriter) = &mut self.rewriter {
+            rewriter.write(&mut self.mesh, switch);
+        }
         for (triangle, apex) in &self.dead {
             self.deaths.push((self.mesh.triangle_ids[*triangle as usize], born.id));
             let lost = &mut self.mesh.nodes[*apex as usize].star_switch;

@@ -81,7 +81,7 @@ pub(super) fn load(
                 *place = 0;
             }
         }
-        live.push_triangle(id, Triangle { corners, switch: 0.0 });
+        live.push_triangle(id, Triangle { corners, switch: 0.0 }, 0.0);
         id += 1;
     }
     let mut reader = positions.reader_of(first_vertex.into(), end_vertex.into(), BUFFER);

@@ -6,12 +6,15 @@
 //! everything is packed again ([`LiveMesh::compact`]). Local ids always keep the order of the canonical ids, so no
 //! comparison ever depends on which part of the mesh this is, or on when it was packed.
 //!
-//! Memory: 108 bytes per vertex, 20 per triangle, the pool of 4 bytes per corner, and 8 + 8 + 4 on average for each star.
+//! What each triangle answers for, where certified switch values are asked for, is beside them (`bound`).
+//!
+//! Memory: 108 bytes per vertex, 20 per triangle, what `bound` needs, the pool of 4 bytes per corner, and 8 + 8 + 4 on average for each star.
 
 use bytemuck::{Pod, Zeroable};
 
 use crate::ingest::power_of_two;
 
+use super::bound::Covers;
 use super::metric::Quadric;
 
 /// Bit of [`Vertex::state`]: the vertex lies on an edge that is not regular.
@@ -208,6 +211,8 @@ pub(super) struct LiveMesh {
     pub triangles: Vec<Triangle>,
     /// Canonical id of each triangle; ascending where this is the whole mesh.
     pub triangle_ids: Vec<u32>,
+    /// What each triangle answers for.
+    pub covers: Covers,
     pool: Vec<u32>,
     /// How long the pool was when the stars were laid out.
     packed_pool: usize,
@@ -229,8 +234,9 @@ fn room_for(degree: usize) -> usize {
 }
 
 impl LiveMesh {
-    /// A mesh without anything in it. `corner`, in mesh units, is one of the box of the whole mesh.
-    pub fn new(normalisation: Normalisation, corner: [f32; 3]) -> Self {
+    /// A mesh without anything in it. `corner`, in mesh units, is one of the box of the whole mesh. `is_bound_kept`:
+    /// whether it is noted what each triangle answers for.
+    pub fn new(normalisation: Normalisation, corner: [f32; 3], is_bound_kept: bool) -> Self {
         LiveMesh {
             normalisation,
             reference: normalisation.apply(corner),
@@ -238,6 +244,7 @@ impl LiveMesh {
             nodes: Vec::new(),
             triangles: Vec::new(),
             triangle_ids: Vec::new(),
+            covers: Covers::new(is_bound_kept),
             pool: Vec::new(),
             packed_pool: 0,
             places: Vec::new(),
@@ -251,6 +258,7 @@ impl LiveMesh {
         self.nodes.clear();
         self.triangles.clear();
         self.triangle_ids.clear();
+        self.covers.clear();
         self.pool.clear();
         self.live_triangles = 0;
     }
@@ -258,7 +266,7 @@ impl LiveMesh {
     /// Lets go of everything in it, and of the memory that it took.
     pub fn release(&mut self) {
         let LiveMesh { normalisation, reference, .. } = *self;
-        *self = LiveMesh { reference, ..LiveMesh::new(normalisation, [0.0; 3]) };
+        *self = LiveMesh { reference, ..LiveMesh::new(normalisation, [0.0; 3], self.covers.is_kept()) };
     }
 
     /// Appends a vertex, whose canonical id is larger than all before.
@@ -268,10 +276,11 @@ impl LiveMesh {
         self.nodes.push(node);
     }
 
-    /// Appends a triangle between vertices that are there or will be.
-    pub fn push_triangle(&mut self, id: u32, triangle: Triangle) {
+    /// Appends a triangle between vertices that are there or will be. `residual` is that of what it answers for.
+    pub fn push_triangle(&mut self, id: u32, triangle: Triangle, residual: f32) {
         self.triangles.push(triangle);
         self.triangle_ids.push(id);
+        self.covers.push(residual);
         self.live_triangles += 1;
     }
 
@@ -281,6 +290,7 @@ impl LiveMesh {
         self.nodes.reserve_exact(vertices);
         self.triangles.reserve_exact(triangles);
         self.triangle_ids.reserve_exact(triangles);
+        self.covers.reserve(triangles);
     }
 
     /// Lays out all stars anew, from the triangles: each in the order of the triangles.
@@ -497,11 +507,13 @@ impl LiveMesh {
                 let corners = corners.map(|corner| renumbered[corner as usize]);
                 self.triangles[kept] = Triangle { corners, switch };
                 self.triangle_ids[kept] = self.triangle_ids[old];
+                self.covers.renumber(old, kept);
                 kept += 1;
             }
         }
         self.triangles.truncate(kept);
         self.triangle_ids.truncate(kept);
+        self.covers.truncate(kept);
         self.build_stars();
     }
 
@@ -517,11 +529,12 @@ impl LiveMesh {
         super::prefetch::read(&self.pool, self.vertices[vertex as usize].star as usize - DEGREE);
     }
 
-    /// Has the triangles of a vertex, whose star should be there by now, on their way from memory.
+    /// Has the triangles of a vertex, whose star should be there by now, on their way from memory, with what they answer for.
     #[inline]
     pub fn prefetch_triangles(&self, vertex: u32) {
         for triangle in self.star(vertex).iter().take(8) {
             super::prefetch::read(&self.triangles, *triangle as usize);
+            self.covers.prefetch(*triangle as usize);
         }
     }
 
@@ -531,10 +544,12 @@ impl LiveMesh {
         super::prefetch::read(&self.nodes, vertex as usize);
     }
 
-    /// Has the neighbours of a vertex, whose triangles should be there by now, on their way from memory.
+    /// Has the neighbours of a vertex, whose triangles should be there by now, on their way from memory, and the pieces
+    /// that those triangles keep.
     #[inline]
     pub fn prefetch_ring(&self, vertex: u32) {
         for triangle in self.star(vertex).iter().take(8) {
+            self.covers.prefetch_piece(*triangle as usize);
             for corner in self.others(*triangle, vertex) {
                 super::prefetch::read(&self.vertices, corner as usize);
             }

@@ -5,6 +5,7 @@
 //! | [`metric`] | what a collapse costs: quadric error, or edge length |
 //! | `live_mesh` | the mesh that is left: vertices, stars, triangles |
 //! | `legality` | link condition, boundaries and non-manifold edges, fold-overs |
+//! | `bound` | certified errors: how far the input is from what a collapse leaves, at most |
 //! | `collapse` | one collapse: tried, made, written down |
 //! | `rounds` | the default order: rounds of a frozen batch (design, section 3) |
 //! | [`log`] | what is written down: collapses, deaths, roots |
@@ -19,6 +20,7 @@
 //! Determinism: all sums have a fixed order, nothing is fused or vectorised by the machine's features, and only +, -,
 //! *, / and square roots are used, which IEEE 754 fixes to the bit.
 
+mod bound;
 mod collapse;
 mod components;
 mod end_phase;
@@ -99,21 +101,21 @@ pub enum SimplifyError {
 }
 
 /// How many triangles a block of a mesh should have that is to be simplified with so much memory and so many threads.
-pub fn block_triangles(memory: ByteSize, threads: usize) -> u64 {
-    Plan::new(memory.0, threads).block_triangles
+pub fn block_triangles(memory: ByteSize, threads: usize, bound: ErrorBound) -> u64 {
+    Plan::new(memory.0, threads, bound).block_triangles
 }
 
 /// The least memory with which a mesh of so many triangles can be simplified, unless it is of an unusual kind: blocks
 /// whose seams hold more than half of the mesh, or components that no legal collapse can reduce.
-pub fn smallest_memory(triangles: u64, threads: usize) -> ByteSize {
-    Plan::smallest_memory(triangles, threads)
+pub fn smallest_memory(triangles: u64, threads: usize, bound: ErrorBound) -> ByteSize {
+    Plan::smallest_memory(triangles, threads, bound)
 }
 
 /// About how much scratch a build takes on disk at its peak, in bytes, for a mesh of so many triangles that does not fit in
 /// memory: as measured on terrain of 1 to 100 million triangles, within 20 %.
-pub fn scratch_bytes(triangles: u64, memory: ByteSize, threads: usize) -> u64 {
+pub fn scratch_bytes(triangles: u64, memory: ByteSize, threads: usize, bound: ErrorBound) -> u64 {
     // The first pass writes the mesh while it is still read, the less of it the more rounds it has.
-    let for_each = match Plan::new(memory.0, threads).expected_rounds(triangles) {
+    let for_each = match Plan::new(memory.0, threads, bound).expected_rounds(triangles) {
         4.. => 80,
         2.. => 107,
         _ => 130,
@@ -123,8 +125,8 @@ pub fn scratch_bytes(triangles: u64, memory: ByteSize, threads: usize) -> u64 {
 
 /// The least memory with which a mesh of so many vertices and triangles can be simplified by [`Strategy::Btree`] with
 /// [`EdgeTreeKind::Sled`].
-pub fn smallest_memory_with_sled(vertices: u64, triangles: u64) -> ByteSize {
-    spanned::memory_for_sled(vertices, triangles)
+pub fn smallest_memory_with_sled(vertices: u64, triangles: u64, bound: ErrorBound) -> ByteSize {
+    spanned::memory_for_sled(vertices, triangles, bound)
 }
 
 /// Simplifies a canonical mesh down to one root per component.
@@ -138,9 +140,9 @@ pub fn simplify(
 ) -> Result<Simplified, SimplifyError> {
     // What the mesh holds in RAM is not there for anything else.
     let memory = options.memory.0.saturating_sub(mesh.ram_bytes());
-    let plan = Plan::new(memory, options.threads);
+    let plan = Plan::new(memory, options.threads, options.error_bound);
     if options.strategy == Strategy::Btree && mesh.triangles.len() > plan.queue_triangles {
-        let result = simplify_spanned(mesh, options.metric, options.edge_tree, ByteSize(memory), scratch, progress);
+        let result = simplify_spanned(mesh, options, ByteSize(memory), scratch, progress);
         return result.map(|(simplified, counters)| Simplified { spanned: Some(counters), ..simplified });
     }
     match options.metric {
@@ -157,29 +159,26 @@ pub fn simplify(
 /// Besides those of the disk: where sled would not keep to the memory, or what one collapse needs is more than fits.
 fn simplify_spanned(
     mesh: &StoredMesh,
-    metric: Metric,
-    kind: EdgeTreeKind,
+    options: &SimplifyOptions,
     memory: ByteSize,
     scratch: &Scratch,
     progress: &mut (dyn FnMut(f64) + Send),
 ) -> Result<(Simplified, SpannedCounters), SimplifyError> {
+    let SimplifyOptions { metric, error_bound: bound, edge_tree: kind, .. } = *options;
     let shares = Shares::new(memory, kind);
     match metric {
-        Metric::Quadric => run_spanned(mesh, QuadricMetric, kind, shares, scratch, progress),
-        Metric::Length => run_spanned(mesh, LengthMetric, kind, shares, scratch, progress),
+        Metric::Quadric => {
+            run_spanned(Task { mesh, metric: QuadricMetric, bound, kind, shares, scratch }, progress)
+        }
+        Metric::Length => run_spanned(Task { mesh, metric: LengthMetric, bound, kind, shares, scratch }, progress),
     }
 }
 
 fn run_spanned<M: CollapseMetric>(
-    mesh: &StoredMesh,
-    metric: M,
-    kind: EdgeTreeKind,
-    shares: Shares,
-    scratch: &Scratch,
+    task: Task<'_, M>,
     progress: &mut (dyn FnMut(f64) + Send),
 ) -> Result<(Simplified, SpannedCounters), SimplifyError> {
-    let journal = Journal::new(scratch, mesh.triangles.len(), shares.memory.0 as usize / 16);
-    let task = Task { mesh, metric, kind, shares, scratch };
+    let journal = Journal::new(task.scratch, task.mesh.triangles.len(), task.shares.memory.0 as usize / 16);
     Ok(spanned::run(&task, journal, progress)?)
 }
 
@@ -195,7 +194,7 @@ fn run<M: CollapseMetric>(
     let journal = Journal::new(scratch, triangles, plan.memory as usize / 16);
     let mut schedule = Schedule::new(triangles);
     let left = if triangles <= plan.core_triangles {
-        load(mesh, metric, scratch)?
+        load(mesh, metric, plan.bound, scratch)?
     } else {
         passes::run(mesh, metric, &plan, scratch, &journal, &mut schedule, progress)?
     };
@@ -223,14 +222,19 @@ fn run<M: CollapseMetric>(
 }
 
 /// The whole mesh in memory, before the first collapse.
-fn load<M: CollapseMetric>(mesh: &StoredMesh, metric: M, scratch: &Scratch) -> Result<Left<M>, StorageError> {
-    let mut live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0]);
+fn load<M: CollapseMetric>(
+    mesh: &StoredMesh,
+    metric: M,
+    bound: ErrorBound,
+    scratch: &Scratch,
+) -> Result<Left<M>, StorageError> {
+    let mut live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0], bound.is_certified());
     let everything = [mesh.positions.len(), mesh.triangles.len()].map(|count| [0, count as u32]);
     let (positions, corners) = (&mesh.positions, &mesh.triangles);
     initial::load(&mut live, positions, corners, everything, &[], metric.uses_quadrics(), &mut Vec::new())?;
     let mut labels = Labels::new(scratch);
     labels.add(&BlockLabels::of(&mut live, |_| false))?;
-    Ok(Left::Core(Engine::new(live, metric, mesh.exponent), labels.join()?))
+    Ok(Left::Core(Engine::new(live, metric, mesh.exponent, bound), labels.join()?))
 }
 
 #[cfg(test)]

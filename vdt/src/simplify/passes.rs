@@ -19,7 +19,7 @@
 //! that it has whole. What is done never depends on blocks, groups, threads or memory.
 //!
 //! Memory: a block and its buffers for each thread. I/O of a pass: what is left of the mesh is read and written once, 92
-//! bytes for each vertex and 20 for each triangle, and the seams twice.
+//! bytes for each vertex, 24 for each triangle and 56 for each piece that one keeps (see `bound`), and the seams twice.
 
 use std::collections::HashSet;
 use std::sync::{Mutex, PoisonError};
@@ -28,6 +28,7 @@ use bytemuck::{Pod, Zeroable};
 use storage::{Scratch, Spool, SpoolWriter, StorageError};
 
 use crate::ingest::StoredMesh;
+use crate::tree::ErrorBound;
 
 use super::collapse::{Candidate, Engine};
 use super::components::{BlockLabels, Components, Labels};
@@ -71,6 +72,19 @@ impl Content {
             Content::Pieces(pieces) => pieces.iter().map(|piece| piece.triangles.len()).sum(),
         }
     }
+
+    /// What they take in memory, see [`Plan::load`].
+    fn load(&self, plan: &Plan) -> u64 {
+        match self {
+            Content::Initial(triangles) => *triangles,
+            Content::Pieces(pieces) => pieces.iter().map(|piece| load(piece, plan)).sum(),
+        }
+    }
+}
+
+/// What a piece of the mesh takes in memory, see [`Plan::load`].
+fn load(piece: &Piece, plan: &Plan) -> u64 {
+    plan.load(piece.triangles.len(), piece.cut_pieces.len())
 }
 
 /// What is settled of a group, by the numbers that blocks have in the next pass.
@@ -89,6 +103,11 @@ struct Seam {
 impl Seam {
     fn triangles(&self) -> u64 {
         self.pieces.iter().map(|(_, piece)| piece.triangles.len()).sum()
+    }
+
+    /// What they take in memory, see [`Plan::load`].
+    fn load(&self, plan: &Plan) -> u64 {
+        self.pieces.iter().map(|(_, piece)| load(piece, plan)).sum()
     }
 }
 
@@ -115,10 +134,10 @@ struct Workspace<M> {
 }
 
 impl<M: CollapseMetric> Workspace<M> {
-    fn new(mesh: &StoredMesh, metric: M) -> Self {
-        let live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0]);
+    fn new(mesh: &StoredMesh, metric: M, bound: ErrorBound) -> Self {
+        let live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0], bound.is_certified());
         Workspace {
-            engine: Engine::new(live, metric, mesh.exponent),
+            engine: Engine::new(live, metric, mesh.exponent, bound),
             batch: Batch::default(),
             undecided: Vec::new(),
             undecided_until: Vec::new(),
@@ -353,6 +372,11 @@ impl Blocks {
     fn triangles(&self) -> u64 {
         self.contents.iter().map(Content::triangles).sum()
     }
+
+    /// Whether they fit in memory together.
+    fn fit(&self, plan: &Plan) -> bool {
+        self.contents.iter().map(|content| content.load(plan)).sum::<u64>() <= plan.core_triangles
+    }
 }
 
 /// What passes have left.
@@ -383,7 +407,7 @@ pub(super) fn run<M: CollapseMetric>(
     scratch.release_memory();
     let labels = Mutex::new(Labels::new(scratch));
     let mut blocks = Blocks::of(mesh);
-    let mut workspaces: Vec<_> = (0..plan.threads).map(|_| Workspace::new(mesh, metric)).collect();
+    let mut workspaces: Vec<_> = (0..plan.threads).map(|_| Workspace::new(mesh, metric, plan.bound)).collect();
     schedule.begin_cycle(histogram.take_limits(), blocks.triangles());
     let mut shared_vertices = mesh.seam_vertices.len();
     let progress = Mutex::new(progress);
@@ -391,7 +415,7 @@ pub(super) fn run<M: CollapseMetric>(
         let share = journal.collapses() as f64 / mesh.positions.len().max(1) as f64;
         (progress.lock().unwrap_or_else(PoisonError::into_inner))(share);
     };
-    while !schedule.is_cycle_over() && (schedule.done == 0 || blocks.triangles() > plan.core_triangles) {
+    while !schedule.is_cycle_over() && (schedule.done == 0 || !blocks.fit(plan)) {
         let rounds = schedule.next_rounds(plan.pass_rounds(blocks.contents.len(), shared_vertices));
         let pass = Pass {
             mesh,
@@ -410,7 +434,7 @@ pub(super) fn run<M: CollapseMetric>(
             done
         })?;
         let edges: usize = results.iter().map(|(_, _, edges)| edges).sum();
-        let next = merge(&results, plan.block_triangles);
+        let next = merge(&results, plan);
         let count = next.last().map_or(0, |last| usize::from(*last) + 1);
         let mut pieces: Vec<Vec<Piece>> = (0..count).map(|_| Vec::new()).collect();
         let mut seams = Vec::with_capacity(results.len());
@@ -447,7 +471,7 @@ pub(super) fn run<M: CollapseMetric>(
     }
     drop(inboxes);
     let components = labels.into_inner().unwrap_or_else(PoisonError::into_inner).join()?;
-    if blocks.triangles() > plan.core_triangles {
+    if !blocks.fit(plan) {
         let end = EndPhase { plan, scratch, journal, components: &components, round: schedule.done + 1 };
         let legal_collapses = journal.collapses();
         let roots = end.run(&mut workspaces, blocks)?;
@@ -456,7 +480,7 @@ pub(super) fn run<M: CollapseMetric>(
     // The memory of blocks is let go before the whole mesh takes it.
     drop(workspaces);
     scratch.release_memory();
-    let mut workspace = Workspace::new(mesh, metric);
+    let mut workspace = Workspace::new(mesh, metric, plan.bound);
     let all = blocks.contents.iter().flat_map(|content| match content {
         Content::Initial(_) => [].iter(),
         Content::Pieces(pieces) => pieces.iter(),
@@ -599,17 +623,17 @@ fn count_all<M: CollapseMetric>(
 }
 
 /// The number of each block in the next pass: neighbours that have become small are one.
-fn merge(results: &[(Piece, Seam, usize)], block_triangles: u64) -> Vec<u16> {
+fn merge(results: &[(Piece, Seam, usize)], plan: &Plan) -> Vec<u16> {
     let (mut number, mut size) = (0_u16, 0);
     results
         .iter()
         .map(|(settled, seam, _)| {
-            let triangles = settled.triangles.len() + seam.triangles();
-            if size > 0 && size + triangles > block_triangles {
+            let load = load(settled, plan) + seam.load(plan);
+            if size > 0 && size + load > plan.block_triangles {
                 number += 1;
                 size = 0;
             }
-            size += triangles;
+            size += load;
             number
         })
         .collect()
@@ -627,9 +651,9 @@ fn through_groups<M: CollapseMetric, R: Send>(
     while !seams.is_empty() {
         let groups = group(&seams, plan, workspaces.len());
         // A group that is too large for one thread of several has the memory of all.
-        let largest = groups.iter().map(|range| range.iter().map(Seam::triangles).sum::<u64>()).max().unwrap_or(0);
+        let largest = groups.iter().map(|range| range.iter().map(|seam| seam.load(plan)).sum::<u64>()).max().unwrap_or(0);
         if largest > plan.seam_triangles {
-            return Err(SimplifyError::Seam { triangles: largest, needed: Plan::memory_for_core(largest) });
+            return Err(SimplifyError::Seam { triangles: largest, needed: Plan::memory_for_core(largest, plan.bound) });
         }
         let threads = if largest > plan.group_triangles { 1 } else { workspaces.len() };
         let is_last = groups.len() == 1;
@@ -652,7 +676,7 @@ fn through_groups<M: CollapseMetric, R: Send>(
 /// Cuts the seams into groups of neighbours, each of two seams at least where there are two, that fit in a
 /// thread's memory if that can be; into one for each thread where there are enough.
 fn group<'a>(seams: &'a [Seam], plan: &Plan, threads: usize) -> Vec<&'a [Seam]> {
-    let total: u64 = seams.iter().map(Seam::triangles).sum();
+    let total: u64 = seams.iter().map(|seam| seam.load(plan)).sum();
     let share = if seams.len() >= 2 * threads { total / threads as u64 + 1 } else { total };
     let most = share.min(plan.group_triangles);
     let mut groups = Vec::new();
@@ -660,12 +684,12 @@ fn group<'a>(seams: &'a [Seam], plan: &Plan, threads: usize) -> Vec<&'a [Seam]> 
     while start < seams.len() {
         let (mut end, mut size) = (start, 0);
         while end < seams.len() {
-            let triangles = seams[end].triangles();
+            let load = seams[end].load(plan);
             // Two at least, so that there is always an end to it; and none is left alone behind the last group.
-            if end >= start + 2 && size + triangles > most && seams.len() - end >= 2 {
+            if end >= start + 2 && size + load > most && seams.len() - end >= 2 {
                 break;
             }
-            size += triangles;
+            size += load;
             end += 1;
         }
         groups.push(&seams[start..end]);

@@ -11,6 +11,7 @@ use std::collections::BinaryHeap;
 use bytemuck::{Pod, Zeroable};
 use storage::{Scratch, Spool, SpoolWriter, StorageError};
 
+use super::bound::Piece as CutPiece;
 use super::live_mesh::{LiveMesh, Node, Triangle, Vertex};
 use super::metric::Quadric;
 
@@ -83,7 +84,7 @@ impl Span {
     }
 }
 
-/// A triangle that is left. 20 bytes.
+/// A triangle that is left. 24 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct TriangleRecord {
@@ -93,15 +94,19 @@ pub struct TriangleRecord {
     pub id: u32,
     /// Switch value of the collapse that rewrote it last; 0 where none did.
     pub switch: f32,
+    /// How far, at most, what it answers for itself lies from it, see `bound`.
+    pub residual: f32,
 }
 
 /// A part of the mesh on disk.
 #[derive(Debug)]
-pub struct Piece {
+pub(super) struct Piece {
     /// Its vertices, by ascending canonical id.
     pub vertices: Spool<VertexRecord>,
     /// Its triangles, by ascending canonical id.
     pub triangles: Spool<TriangleRecord>,
+    /// The pieces of earlier surface that its triangles keep, in their order; of each triangle, the last one first.
+    pub cut_pieces: Spool<CutPiece>,
 }
 
 /// The stores of a piece being written.
@@ -109,6 +114,7 @@ pub struct Piece {
 pub(super) struct PieceWriter {
     vertices: SpoolWriter<VertexRecord>,
     triangles: SpoolWriter<TriangleRecord>,
+    cut_pieces: SpoolWriter<CutPiece>,
 }
 
 impl PieceWriter {
@@ -116,7 +122,8 @@ impl PieceWriter {
     pub fn new(scratch: &Scratch, name: &str, ram_bytes: usize) -> Self {
         PieceWriter {
             vertices: SpoolWriter::to_disk(scratch, name, ram_bytes / 2),
-            triangles: SpoolWriter::to_disk(scratch, name, ram_bytes / 2),
+            triangles: SpoolWriter::to_disk(scratch, name, ram_bytes / 4),
+            cut_pieces: SpoolWriter::to_disk(scratch, name, ram_bytes / 4),
         }
     }
 
@@ -150,12 +157,23 @@ impl PieceWriter {
                 self.vertices.push(VertexRecord { node, quadric, state, span })?;
             }
         }
-        for triangle in chosen() {
+        let mut kept: Vec<CutPiece> = Vec::new();
+        for (place, triangle) in (0..).zip(chosen()) {
             let Triangle { corners, switch } = mesh.triangles[triangle];
             let corners = corners.map(|corner| places[corner as usize]);
-            self.triangles.push(TriangleRecord { corners, id: mesh.triangle_ids[triangle], switch })?;
+            let cover = mesh.covers.of(triangle);
+            let id = mesh.triangle_ids[triangle];
+            self.triangles.push(TriangleRecord { corners, id, switch, residual: cover.residual })?;
+            kept.extend(mesh.covers.pieces(cover));
+            while let Some(piece) = kept.pop() {
+                self.cut_pieces.push(piece.owned_by(place))?;
+            }
         }
-        Ok(Piece { vertices: self.vertices.finish_on_disk()?, triangles: self.triangles.finish_on_disk()? })
+        Ok(Piece {
+            vertices: self.vertices.finish_on_disk()?,
+            triangles: self.triangles.finish_on_disk()?,
+            cut_pieces: self.cut_pieces.finish_on_disk()?,
+        })
     }
 }
 
@@ -213,10 +231,15 @@ pub(super) fn read_pieces<'a>(
     drop(readers);
     for ((number, piece), places) in pieces.zip(&places) {
         let mut reader = piece.triangles.reader(256 << 10);
-        while let Some(TriangleRecord { corners, id, switch }) = reader.next()? {
+        let first = mesh.triangles.len();
+        while let Some(TriangleRecord { corners, id, switch, residual }) = reader.next()? {
             let corners = corners.map(|corner| places[corner as usize]);
-            mesh.push_triangle(id, Triangle { corners, switch });
+            mesh.push_triangle(id, Triangle { corners, switch }, residual);
             numbers.push(number);
+        }
+        let mut reader = piece.cut_pieces.reader(256 << 10);
+        while let Some(cut_piece) = reader.next()? {
+            mesh.covers.add_piece(first + cut_piece.owner() as usize, &cut_piece);
         }
     }
     mesh.build_stars();

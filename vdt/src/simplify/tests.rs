@@ -89,9 +89,16 @@ pub(super) fn outcome(mesh: &StoredMesh, metric: Metric, order: crate::tree::Str
 }
 
 /// Compares an outcome in blocks with the one in core; `core_part` says when what is left is small enough to go on in core.
-fn check(mesh: &CoreMesh, metric: Metric, block_vertices: u32, threads: usize, most_rounds: usize, core_part: u64) {
+fn check(
+    mesh: &CoreMesh,
+    (metric, bound): (Metric, ErrorBound),
+    block_vertices: u32,
+    threads: usize,
+    most_rounds: usize,
+    core_part: u64,
+) {
     let stored = StoredMesh::from_core(mesh.clone(), FileCounts::default());
-    let in_core = Plan::new(1 << 40, 1);
+    let in_core = Plan::new(1 << 40, 1, bound);
     let order = crate::tree::Strategy::Passes;
     let expected = outcome(&stored, metric, order, in_core);
     assert_eq!(expected.log.len() + expected.roots.len(), mesh.positions.len());
@@ -104,6 +111,10 @@ pub(super) fn any_shape() -> impl proptest::strategy::Strategy<Value = Shape> {
     prop::sample::select(Shape::ALL.to_vec())
 }
 
+pub(super) fn any_bound() -> impl proptest::strategy::Strategy<Value = ErrorBound> {
+    prop::sample::select(ErrorBound::ALL.to_vec())
+}
+
 pub(super) fn either_metric() -> impl proptest::strategy::Strategy<Value = Metric> {
     prop::sample::select(Metric::ALL.to_vec())
 }
@@ -114,9 +125,9 @@ proptest! {
     #[test]
     fn blocks_come_to_the_same_as_the_whole(
         shape in any_shape(), triangles in 12_000_u64..40_000, seed in any::<u64>(), metric in either_metric(),
-        block_vertices in 500_u32..6_000, threads in 1_usize..4, most_rounds in 1_usize..5,
+        bound in any_bound(), block_vertices in 500_u32..6_000, threads in 1_usize..4, most_rounds in 1_usize..5,
     ) {
-        check(&made(shape, triangles, seed), metric, block_vertices, threads, most_rounds, 2);
+        check(&made(shape, triangles, seed), (metric, bound), block_vertices, threads, most_rounds, 2);
     }
 }
 
@@ -124,9 +135,11 @@ proptest! {
 #[test]
 fn the_end_phase_comes_to_the_same_in_blocks() {
     for metric in Metric::ALL {
-        check(&soup(3000), metric, 500, 2, 4, 10);
-        check(&soup(3000), metric, 77, 1, 1, 10);
-        check(&made(Shape::City, 12_000, 3), metric, 500, 2, 2, 8);
+        for bound in [ErrorBound::None, ErrorBound::Tight] {
+            check(&soup(3000), (metric, bound), 500, 2, 4, 10);
+            check(&soup(3000), (metric, bound), 77, 1, 1, 10);
+            check(&made(Shape::City, 12_000, 3), (metric, bound), 500, 2, 2, 8);
+        }
     }
 }
 
@@ -134,6 +147,6 @@ fn the_end_phase_comes_to_the_same_in_blocks() {
 #[test]
 fn a_single_block_comes_to_the_same() {
     for metric in Metric::ALL {
-        check(&made(Shape::Terrain, 20_000, 1), metric, 1 << 20, 2, 3, 10);
+        check(&made(Shape::Terrain, 20_000, 1), (metric, ErrorBound::Default), 1 << 20, 2, 3, 10);
     }
 }

@@ -17,6 +17,7 @@ use crate::simplify::live_mesh::{LiveMesh, Normalisation, Triangle};
 use crate::simplify::metric::CollapseMetric;
 use crate::simplify::records::VertexRecord;
 use crate::simplify::{initial, seams};
+use crate::tree::ErrorBound;
 
 use super::edges::edge_between;
 use super::stored::{Link, MeshStore, StoredTriangle, StoredVertex};
@@ -33,8 +34,9 @@ pub(super) fn begin<M: CollapseMetric>(
     let inboxes = seams::find(mesh, metric, scratch, memory)?.vertices;
     let mut edges = GuardedSorter::new(scratch, "edges", memory / 2);
     let mut labels = Labels::new(scratch);
-    let live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0]);
-    let mut engine = Engine::new(live, metric, mesh.exponent);
+    // No collapse is made here, so there is no error to be bounded.
+    let live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0], false);
+    let mut engine = Engine::new(live, metric, mesh.exponent, ErrorBound::None);
     let (mut spans, mut known) = (Vec::new(), Vec::new());
     for (number, start) in mesh.blocks.iter().enumerate() {
         let end = mesh.blocks.get(number + 1);
@@ -83,7 +85,7 @@ fn write_block(mesh: &LiveMesh, store: &mut MeshStore) -> Result<(), StorageErro
     }
     for ((Triangle { corners, switch }, id), next) in mesh.triangles.iter().zip(&mesh.triangle_ids).zip(next) {
         let corners = corners.map(|corner| mesh.nodes[corner as usize].id);
-        store.put_triangle(*id, &StoredTriangle { corners, switch: *switch, next, flags: 0 })?;
+        store.put_triangle(*id, &StoredTriangle { corners, switch: *switch, next, flags: 0, residual: 0.0 })?;
     }
     Ok(())
 }

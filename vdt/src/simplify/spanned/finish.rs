@@ -7,7 +7,7 @@
 use std::cmp::Reverse;
 
 use bytemuck::{Pod, Zeroable};
-use storage::{Edge, EdgeTree, Scratch, SortRecord, Sorted, Sorter, StorageError};
+use storage::{Edge, EdgeTree, SortRecord, Sorted, Sorter, StorageError};
 
 use crate::simplify::collapse::Engine;
 use crate::simplify::components::Components;
@@ -18,8 +18,9 @@ use crate::simplify::log::LoggedRoot;
 use crate::simplify::metric::CollapseMetric;
 use crate::simplify::plan::Plan;
 use crate::simplify::queue::Waiting;
+use crate::tree::ErrorBound;
 
-use super::SpannedError;
+use super::{SpannedError, Task};
 use super::edges::{candidate, ends};
 use super::stored::{MeshStore, StoredTriangle, StoredVertex};
 
@@ -27,8 +28,8 @@ use super::stored::{MeshStore, StoredTriangle, StoredVertex};
 const QUEUED_BYTES: u64 = 3 * 16;
 
 /// Whether what is left fits in so many bytes, with the queue.
-pub(super) fn fits(store: &MeshStore, edges: u64, bytes: u64) -> bool {
-    Plan::memory_for_core(store.live_triangles).0 + edges * QUEUED_BYTES <= bytes
+pub(super) fn fits(store: &MeshStore, bound: ErrorBound, edges: u64, bytes: u64) -> bool {
+    Plan::memory_for_core(store.live_triangles, bound).0 + edges * QUEUED_BYTES <= bytes
 }
 
 /// All edges that are left in the tree.
@@ -59,7 +60,7 @@ pub(super) fn load_all<M: CollapseMetric>(
     for id in 0..store.triangle_count {
         let triangle = store.triangle(id)?;
         if !triangle.is_gone() {
-            push_triangle(engine, id, &triangle, &mut waiting);
+            push_triangle(engine, store, id, &triangle, &mut waiting)?;
         }
     }
     engine.mesh.build_stars();
@@ -77,14 +78,25 @@ fn place_of<M>(engine: &Engine<M>, id: u32) -> Option<u32> {
     engine.mesh.vertices.binary_search_by_key(&id, |vertex| vertex.id).ok().map(|place| place as u32)
 }
 
-fn push_triangle<M>(engine: &mut Engine<M>, id: u32, triangle: &StoredTriangle, waiting: &mut Waiting) {
-    let [Some(a), Some(b), Some(c)] = triangle.corners.map(|corner| place_of(engine, corner)) else { return };
+fn push_triangle<M>(
+    engine: &mut Engine<M>,
+    store: &mut MeshStore,
+    id: u32,
+    triangle: &StoredTriangle,
+    waiting: &mut Waiting,
+) -> Result<(), StorageError> {
+    let [Some(a), Some(b), Some(c)] = triangle.corners.map(|corner| place_of(engine, corner)) else { return Ok(()) };
     let corners = [a, b, c];
-    engine.mesh.push_triangle(id, Triangle { corners, switch: triangle.switch });
+    let place = engine.mesh.triangles.len();
+    engine.mesh.push_triangle(id, Triangle { corners, switch: triangle.switch }, triangle.residual);
+    for piece in store.cut_pieces(id, triangle)?.in_order().iter().rev() {
+        engine.mesh.covers.add_piece(place, piece);
+    }
     for side in (0..3).filter(|side| triangle.flags >> side & 1 != 0) {
         let ends = [corners[side], corners[(side + 1) % 3]];
         waiting.rejected.insert((ends[0].min(ends[1]), ends[0].max(ends[1])));
     }
+    Ok(())
 }
 
 /// A vertex or a triangle by the component that it belongs to.
@@ -124,16 +136,17 @@ impl Members {
     }
 }
 
-/// Runs the end phase on all that is left, of which no more than `bytes` are in memory at once, unless a component is
+/// Runs the end phase on all that is left, of which no more than the share of the core is in memory at once, unless a component is
 /// larger. Returns the roots.
 pub(super) fn end_phase<M: CollapseMetric>(
     engine: &mut Engine<M>,
     store: &mut MeshStore,
     components: &Components,
-    scratch: &Scratch,
-    bytes: u64,
+    task: &Task<'_, M>,
     journal: &Journal,
 ) -> Result<Vec<LoggedRoot>, SpannedError> {
+    let Task { scratch, bound, shares, .. } = *task;
+    let bytes = shares.core;
     let sorter = || Sorter::new(scratch, "component-members", bytes as usize / 4, 1);
     let (mut vertices, mut triangles) = (sorter(), sorter());
     for id in 0..store.vertex_count {
@@ -158,11 +171,11 @@ pub(super) fn end_phase<M: CollapseMetric>(
         while let Some(Member { component, .. }) = vertices.next {
             vertices.take(component, &mut vertex_ids)?;
             triangles.take(component, &mut triangle_ids)?;
-            if Plan::memory_for_core(triangle_ids.len() as u64).0 >= bytes / 4 {
+            if Plan::memory_for_core(triangle_ids.len() as u64, bound).0 >= bytes / 4 {
                 break;
             }
         }
-        let needed = Plan::memory_for_core(triangle_ids.len() as u64);
+        let needed = Plan::memory_for_core(triangle_ids.len() as u64, bound);
         if needed.0 > bytes {
             return Err(SpannedError::Component { triangles: triangle_ids.len() as u64, needed, share: bytes });
         }
@@ -174,7 +187,7 @@ pub(super) fn end_phase<M: CollapseMetric>(
         }
         for id in &triangle_ids {
             let triangle = store.triangle(*id)?;
-            push_triangle(engine, *id, &triangle, &mut Waiting::default());
+            push_triangle(engine, store, *id, &triangle, &mut Waiting::default())?;
         }
         engine.mesh.build_stars();
         end_phase::run(

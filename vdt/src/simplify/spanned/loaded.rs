@@ -11,25 +11,26 @@
 //!
 //! Local ids ascend as vertices come in, not as canonical ids do: order is always by edges as the tree has them.
 //!
-//! Memory: 140 bytes for each vertex, 76 for each triangle, 4 for each place in a star.
+//! Memory: 140 bytes for each vertex, 88 for each triangle, 56 for each piece that one keeps, 4 for each place in a star.
 
 use std::collections::HashSet;
 
 use hashbrown::HashMap;
 use storage::{Edge, StorageError};
 
+use crate::simplify::bound::Piece;
 use crate::simplify::collapse::{Engine, Outcome};
 use crate::simplify::live_mesh::{Normalisation, Triangle};
 use crate::simplify::metric::{CollapseMetric, Quadric};
 use crate::simplify::queue::neighbours;
 
 use super::edges::{candidate, dearer, edge_between, edge_of, ends, is_dearer};
-use super::stored::{GONE, Link, MeshStore, StoredTriangle, StoredVertex};
+use super::stored::{CutPieces, GONE, Link, MeshStore, PIECES_SHIFT, StoredTriangle, StoredVertex};
 
 /// Bytes of a vertex: its line, its node, what is kept here of it, its place in the table.
 const VERTEX_BYTES: usize = 64 + 44 + 12 + 20;
 /// Bytes of a triangle.
-const TRIANGLE_BYTES: usize = 20 + 36 + 20;
+const TRIANGLE_BYTES: usize = 20 + 8 + 40 + 20;
 
 /// Bytes of a quadric that is kept, in its table.
 const QUADRIC_BYTES: usize = (size_of::<Quadric>() + 5) * 8 / 7;
@@ -106,14 +107,15 @@ impl<M: CollapseMetric> SubMeshes<M> {
         let (vertices, triangles) = (self.vertices.len(), self.triangles.len());
         vertices * VERTEX_BYTES
             + triangles * TRIANGLE_BYTES
+            + self.engine.mesh.covers.piece_count() * size_of::<Piece>()
             + self.engine.mesh.pool_words() * 4
             + self.rejected.len() * 16
             + self.quadrics_before.len() * QUADRIC_BYTES
     }
 
-    /// What bytes this many vertices and triangles take, with their stars.
-    pub fn bytes_of(vertices: usize, triangles: usize) -> usize {
-        vertices * (VERTEX_BYTES + 24) + triangles * (TRIANGLE_BYTES + 16)
+    /// What bytes this many vertices and triangles take, with their stars, where each triangle keeps so many pieces.
+    pub fn bytes_of(vertices: usize, triangles: usize, most_kept: usize) -> usize {
+        vertices * (VERTEX_BYTES + 24) + triangles * (TRIANGLE_BYTES + 16 + most_kept * size_of::<Piece>())
     }
 
     /// Triangles that are in memory, gone or not: by the local ids of their corners where they are left.
@@ -252,7 +254,10 @@ impl<M: CollapseMetric> SubMeshes<M> {
             *corner = self.vertex(store, id)?;
         }
         let place = self.triangles.len() as u32;
-        self.engine.mesh.push_triangle(id, Triangle { corners, switch: stored.switch });
+        self.engine.mesh.push_triangle(id, Triangle { corners, switch: stored.switch }, stored.residual);
+        for piece in store.cut_pieces(id, &stored)?.in_order().iter().rev() {
+            self.engine.mesh.covers.add_piece(place as usize, piece);
+        }
         self.triangles.push(LoadedTriangle { stored, is_changed: false });
         self.triangle_places.insert(id, place);
         for side in (0..3).filter(|side| stored.flags >> side & 1 != 0) {
@@ -407,6 +412,12 @@ impl<M: CollapseMetric> SubMeshes<M> {
                 .filter(|side| rejected.contains(&pair(corners[*side], corners[(side + 1) % 3])))
                 .map(|side| 1 << side)
                 .sum();
+            let cover = mesh.covers.of(place);
+            let mut pieces = CutPieces::default();
+            mesh.covers.pieces(cover).for_each(|piece| pieces.push(piece));
+            stored.residual = cover.residual;
+            stored.flags |= (pieces.in_order().len() as u32) << PIECES_SHIFT;
+            store.put_cut_pieces(mesh.triangle_ids[place], &pieces)?;
         }
         for (place, vertex) in vertices.iter_mut().enumerate().filter(|(_, vertex)| vertex.is_changed) {
             let line = &mesh.vertices[place];

@@ -51,6 +51,7 @@ use storage::{ByteSize, Edge, EdgeTree, EdgeTreeError, EdgeTreeKind, Scratch, St
 use thiserror::Error;
 
 use crate::ingest::StoredMesh;
+use crate::tree::ErrorBound;
 
 use super::collapse::Engine;
 use super::components::Components;
@@ -117,14 +118,14 @@ fn edges_of(triangles: u64) -> u64 {
 
 /// The least memory in whole MiB with which a mesh of so many vertices and triangles can be simplified with sled: in its
 /// tree, or with a queue in memory and without a tree.
-pub(super) fn memory_for_sled(vertices: u64, triangles: u64) -> ByteSize {
+pub(super) fn memory_for_sled(vertices: u64, triangles: u64, bound: ErrorBound) -> ByteSize {
     let needed = storage::edge_tree::sled_needs(edges_of(triangles)).0;
     // The mesh itself may be in RAM then, and takes what it takes from this.
     let mesh = vertices.saturating_add(triangles).saturating_mul(size_of::<[u32; 3]>() as u64);
     let does = |memory: u64| {
         let left = memory.saturating_sub(mesh);
         Shares::new(ByteSize(left), EdgeTreeKind::Sled).tree >= needed
-            || Plan::new(left, 1).queue_triangles >= triangles
+            || Plan::new(left, 1, bound).queue_triangles >= triangles
     };
     let mut too_little = 0;
     for bit in (MEBIBYTE.ilog2()..u64::BITS).rev() {
@@ -219,6 +220,7 @@ pub enum SpannedError {
 pub(super) struct Task<'a, M> {
     pub mesh: &'a StoredMesh,
     pub metric: M,
+    pub bound: ErrorBound,
     pub kind: EdgeTreeKind,
     pub shares: Shares,
     pub scratch: &'a Scratch,
@@ -231,8 +233,8 @@ impl<M: CollapseMetric> Task<'_, M> {
 
     /// An engine without a mesh.
     fn engine(&self) -> Engine<M> {
-        let live = LiveMesh::new(self.normalisation(), self.mesh.bounds[0]);
-        Engine::new(live, self.metric, self.mesh.exponent)
+        let live = LiveMesh::new(self.normalisation(), self.mesh.bounds[0], self.bound.is_certified());
+        Engine::new(live, self.metric, self.mesh.exponent, self.bound)
     }
 }
 
@@ -242,10 +244,10 @@ pub(super) fn run<M: CollapseMetric>(
     journal: Journal,
     progress: &mut (dyn FnMut(f64) + Send),
 ) -> Result<(Simplified, SpannedCounters), SpannedError> {
-    let Task { mesh, shares, scratch, .. } = task;
+    let Task { mesh, shares, .. } = task;
     let progress = &mut |journal: &Journal| progress(journal.collapses() as f64 / mesh.positions.len().max(1) as f64);
     let (mut loads, components) = Loads::begin(task)?;
-    while !finish::fits(&loads.store, loads.tree.len(), shares.core) && !loads.tree.is_empty() {
+    while !finish::fits(&loads.store, task.bound, loads.tree.len(), shares.core) && !loads.tree.is_empty() {
         loads.one(shares, &journal)?;
         progress(&journal);
     }
@@ -253,7 +255,7 @@ pub(super) fn run<M: CollapseMetric>(
     let Loads { mut store, mut tree, order, mut counters, .. } = loads;
     counters.core_triangles = store.live_triangles;
     let mut engine = task.engine();
-    if finish::fits(&store, tree.len(), shares.core) {
+    if finish::fits(&store, task.bound, tree.len(), shares.core) {
         let queued = finish::drain(&mut *tree)?;
         counters.tree = tree.traffic();
         drop(tree);
@@ -274,7 +276,7 @@ pub(super) fn run<M: CollapseMetric>(
         counters.tree = tree.traffic();
         drop(tree);
         let legal = journal.collapses();
-        let roots = finish::end_phase(&mut engine, &mut store, &components, scratch, shares.core, &journal)?;
+        let roots = finish::end_phase(&mut engine, &mut store, &components, task, &journal)?;
         counters.records = store.traffic();
         Ok((journal.finish(roots, 1, legal)?, counters))
     }
@@ -294,6 +296,8 @@ struct Loads<M> {
     order: u32,
     /// Bytes that all of it may take.
     most: usize,
+    /// Pieces that a triangle may keep.
+    most_kept: usize,
     /// Bytes that a spanning edge took in the last load, with what its collapse made.
     edge_bytes: usize,
     /// The share of the edges last taken from the tree that were due.
@@ -310,17 +314,18 @@ const FIRST_EDGE_BYTES: usize = 3 << 10;
 impl<M: CollapseMetric> Loads<M> {
     /// Step 1: puts a mesh on disk.
     fn begin(task: &Task<'_, M>) -> Result<(Self, Components), SpannedError> {
-        let Task { mesh, metric, kind, shares, scratch } = *task;
+        let Task { mesh, metric, bound, kind, shares, scratch } = *task;
         let [vertices, triangles] = [mesh.positions.len(), mesh.triangles.len()].map(|count| count as u32);
         let mut tree =
             kind.create(scratch, edges_of(mesh.triangles.len()), shares.tree).map_err(|error| match error {
                 refusal @ EdgeTreeError::SledMemory { .. } => SpannedError::SledMemory {
                     refusal,
-                    advice: memory_for_sled(mesh.positions.len(), mesh.triangles.len()),
+                    advice: memory_for_sled(mesh.positions.len(), mesh.triangles.len(), bound),
                 },
                 error => SpannedError::EdgeTree(error),
             })?;
-        let mut store = MeshStore::new(scratch, [vertices, triangles], shares.pages as usize)?;
+        let most_kept = bound.pieces().saturating_sub(1);
+        let mut store = MeshStore::new(scratch, [vertices, triangles], most_kept, shares.pages as usize)?;
         let (mut edges, components) = begin::begin(mesh, metric, scratch, shares.sub_meshes as usize, &mut store)?;
         let mut before = None;
         tree.bulk_load(&mut || {
@@ -341,6 +346,7 @@ impl<M: CollapseMetric> Loads<M> {
             left_over: Vec::new(),
             order: 0,
             most: shares.sub_meshes as usize,
+            most_kept,
             edge_bytes: FIRST_EDGE_BYTES,
             due_share: 1.0,
             counters,
@@ -417,7 +423,7 @@ impl<M: CollapseMetric> Loads<M> {
         if !self.loaded.prepare(&mut self.store, first, self.most)? {
             let [vertices, triangles] = loaded::extent(&mut self.store, first)?;
             let [low, high] = edges::ends(first);
-            let needed = shares.advice(SubMeshes::<M>::bytes_of(vertices, triangles) as u64);
+            let needed = shares.advice(SubMeshes::<M>::bytes_of(vertices, triangles, self.most_kept) as u64);
             return Err(SpannedError::Star { low, high, triangles: triangles as u64, needed });
         }
         self.spanning.clear();

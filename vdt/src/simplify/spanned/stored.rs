@@ -5,12 +5,13 @@
 //! collapse moves none of them. A triangle that is gone may stay in the chain of a corner whose whole star was not in
 //! memory when it went; it is passed over, and taken out when that star is written the next time.
 //!
-//! Memory: the pages that were allowed. I/O: 96 bytes for each vertex and 32 for each triangle, in pages of 4 KiB;
-//! canonical ids follow the Morton order, so neighbours mostly lie in the same or in a few pages.
+//! Memory: the pages that were allowed. I/O: 96 bytes for each vertex, 36 for each triangle and 56 for each piece that it
+//! may keep, in pages of 4 KiB; canonical ids follow the Morton order, so neighbours mostly lie in the same or in a few pages.
 
 use bytemuck::{Pod, Zeroable};
 use storage::{RecordFile, Scratch, StorageError, Traffic};
 
+use crate::simplify::bound::{MOST_PIECES, Piece};
 use crate::simplify::live_mesh::Node;
 use crate::simplify::metric::Quadric;
 
@@ -37,7 +38,7 @@ impl StoredVertex {
     }
 }
 
-/// A triangle. 32 bytes.
+/// A triangle. 36 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct StoredTriangle {
@@ -47,9 +48,15 @@ pub(super) struct StoredTriangle {
     pub switch: f32,
     /// The next triangle in the chain of each corner.
     pub next: [Link; 3],
-    /// [`GONE`], and for each side, from corner 0 to 1, 1 to 2, 2 to 0, a bit that says that this edge is rejected.
+    /// [`GONE`], and for each side, from corner 0 to 1, 1 to 2, 2 to 0, a bit that says that this edge is rejected; from
+    /// [`PIECES_SHIFT`] on, how many pieces it keeps.
     pub flags: u32,
+    /// How far, at most, what it answers for itself lies from it, see `bound`.
+    pub residual: f32,
 }
+
+/// Where [`StoredTriangle::flags`] has the number of pieces that the triangle keeps.
+pub(super) const PIECES_SHIFT: u32 = 4;
 
 /// Bit of [`StoredTriangle::flags`]: the triangle disappeared.
 pub(super) const GONE: u32 = 1 << 3;
@@ -91,11 +98,39 @@ impl Link {
     }
 }
 
+/// The pieces that a triangle keeps, in their order.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CutPieces {
+    pieces: [Piece; MOST_PIECES],
+    count: usize,
+}
+
+impl Default for CutPieces {
+    fn default() -> Self {
+        CutPieces { pieces: [Piece::zeroed(); MOST_PIECES], count: 0 }
+    }
+}
+
+impl CutPieces {
+    pub fn push(&mut self, piece: &Piece) {
+        if let Some(place) = self.pieces.get_mut(self.count) {
+            *place = *piece;
+            self.count += 1;
+        }
+    }
+
+    pub fn in_order(&self) -> &[Piece] {
+        &self.pieces[..self.count]
+    }
+}
+
 /// The stores of vertices and triangles.
 #[derive(Debug)]
 pub(super) struct MeshStore {
     vertices: RecordFile<StoredVertex>,
     triangles: RecordFile<StoredTriangle>,
+    /// Pieces that triangles keep: so many places for each, where there may be any.
+    cut_pieces: Option<(usize, RecordFile<Piece>)>,
     /// How many vertices there were in the beginning.
     pub vertex_count: u32,
     /// How many triangles there were in the beginning.
@@ -107,15 +142,23 @@ pub(super) struct MeshStore {
 }
 
 impl MeshStore {
-    /// An empty store for a mesh, with so many bytes of pages in RAM.
+    /// An empty store for a mesh whose triangles keep at most so many pieces, with so many bytes of pages in RAM.
     pub fn new(
         scratch: &Scratch,
         [vertex_count, triangle_count]: [u32; 2],
+        most_kept: usize,
         ram_bytes: usize,
     ) -> Result<Self, StorageError> {
+        let part = ram_bytes / if most_kept > 0 { 7 } else { 5 };
+        let most_kept = most_kept.min(MOST_PIECES);
+        let cut_pieces = match most_kept {
+            0 => None,
+            _ => Some((most_kept, RecordFile::new(scratch, "cut-pieces", part * 2)?)),
+        };
         Ok(MeshStore {
-            vertices: RecordFile::new(scratch, "vertex-records", ram_bytes / 5 * 3)?,
-            triangles: RecordFile::new(scratch, "triangle-records", ram_bytes / 5 * 2)?,
+            vertices: RecordFile::new(scratch, "vertex-records", part * 3)?,
+            triangles: RecordFile::new(scratch, "triangle-records", part * 2)?,
+            cut_pieces,
             vertex_count,
             triangle_count,
             live_vertices: vertex_count.into(),
@@ -139,8 +182,30 @@ impl MeshStore {
         self.triangles.put(id.into(), triangle)
     }
 
+    /// Reads the pieces that a triangle keeps.
+    pub fn cut_pieces(&mut self, id: u32, triangle: &StoredTriangle) -> Result<CutPieces, StorageError> {
+        let mut pieces = CutPieces::default();
+        if let Some((most, file)) = &mut self.cut_pieces {
+            for number in 0..((triangle.flags >> PIECES_SHIFT) as usize).min(*most) {
+                pieces.push(&file.get(u64::from(id) * *most as u64 + number as u64)?);
+            }
+        }
+        Ok(pieces)
+    }
+
+    /// Writes the pieces that a triangle keeps.
+    pub fn put_cut_pieces(&mut self, id: u32, pieces: &CutPieces) -> Result<(), StorageError> {
+        if let Some((most, file)) = &mut self.cut_pieces {
+            for (number, piece) in pieces.in_order().iter().enumerate().take(*most) {
+                file.put(u64::from(id) * *most as u64 + number as u64, piece)?;
+            }
+        }
+        Ok(())
+    }
+
     /// Bytes that passed between RAM and the files.
     pub fn traffic(&self) -> Traffic {
-        self.vertices.traffic() + self.triangles.traffic()
+        let of_pieces = self.cut_pieces.as_ref().map_or(Traffic::default(), |(_, file)| file.traffic());
+        self.vertices.traffic() + self.triangles.traffic() + of_pieces
     }
 }

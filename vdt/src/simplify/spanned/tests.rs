@@ -11,7 +11,7 @@ use super::*;
 use crate::ingest::{CoreMesh, FileCounts};
 use crate::simplify::metric::{LengthMetric, QuadricMetric};
 use crate::simplify::plan::Plan;
-use crate::simplify::tests::{Outcome, any_shape, blocked, either_metric, made, outcome, soup};
+use crate::simplify::tests::{Outcome, any_bound, any_shape, blocked, either_metric, made, outcome, soup};
 use crate::simplify::{SimplifyError, run_spanned};
 use crate::tree::{Metric, Strategy as Order};
 
@@ -31,9 +31,9 @@ fn any_soup() -> impl Strategy<Value = CoreMesh> {
         .prop_filter_map("no triangle", |(points, triangles, size)| lattice_soup(points, &triangles, size))
 }
 
-fn in_core(mesh: &CoreMesh, metric: Metric) -> Outcome {
+fn in_core(mesh: &CoreMesh, metric: Metric, bound: ErrorBound) -> Outcome {
     let stored = StoredMesh::from_core(mesh.clone(), FileCounts::default());
-    outcome(&stored, metric, Order::Btree, Plan::new(1 << 40, 1))
+    outcome(&stored, metric, Order::Btree, Plan::new(1 << 40, 1, bound))
 }
 
 /// A tree and pages that hardly hold anything.
@@ -43,7 +43,7 @@ fn tight(sub_meshes: u64, core: u64) -> Shares {
 
 fn simplify(
     mesh: &StoredMesh,
-    metric: Metric,
+    (metric, bound): (Metric, ErrorBound),
     kind: EdgeTreeKind,
     shares: Shares,
     disk: impl Disk + 'static,
@@ -51,15 +51,23 @@ fn simplify(
 ) -> Result<(Simplified, SpannedCounters), SimplifyError> {
     let (scratch, _) = Scratch::open(Arc::new(disk), folder, "").unwrap();
     match metric {
-        Metric::Quadric => run_spanned(mesh, QuadricMetric, kind, shares, &scratch, &mut |_| ()),
-        Metric::Length => run_spanned(mesh, LengthMetric, kind, shares, &scratch, &mut |_| ()),
+        Metric::Quadric => {
+            run_spanned(Task { mesh, metric: QuadricMetric, bound, kind, shares, scratch: &scratch }, &mut |_| ())
+        }
+        Metric::Length => {
+            run_spanned(Task { mesh, metric: LengthMetric, bound, kind, shares, scratch: &scratch }, &mut |_| ())
+        }
     }
 }
 
 /// With redb, on a disk in RAM.
-fn with_redb(mesh: &StoredMesh, metric: Metric, shares: Shares) -> (Outcome, SpannedCounters) {
+fn with_redb(
+    mesh: &StoredMesh,
+    (metric, bound): (Metric, ErrorBound),
+    shares: Shares,
+) -> (Outcome, SpannedCounters) {
     let (simplified, counters) =
-        simplify(mesh, metric, EdgeTreeKind::Redb, shares, MemoryDisk::new(), Path::new("scratch")).unwrap();
+        simplify(mesh, (metric, bound), EdgeTreeKind::Redb, shares, MemoryDisk::new(), Path::new("scratch")).unwrap();
     (Outcome::of(simplified), counters)
 }
 
@@ -69,11 +77,11 @@ proptest! {
     #[test]
     fn the_outcome_is_that_of_the_queue_in_memory(
         shape in any_shape(), triangles in 500_u64..6_000, seed in any::<u64>(), metric in either_metric(),
-        block_vertices in 100_u32..3_000, sub_meshes in 30_000_u64..400_000, core in 25_000_u64..400_000,
+        bound in any_bound(), block_vertices in 100_u32..3_000, sub_meshes in 30_000_u64..400_000, core in 25_000_u64..400_000,
     ) {
         let mesh = made(shape, triangles, seed);
-        let (found, counters) = with_redb(&blocked(&mesh, block_vertices), metric, tight(sub_meshes, core));
-        in_core(&mesh, metric).assert_same(&found);
+        let (found, counters) = with_redb(&blocked(&mesh, block_vertices), (metric, bound), tight(sub_meshes, core));
+        in_core(&mesh, metric, bound).assert_same(&found);
         prop_assert!(counters.loads > 1 || counters.core_triangles > 0);
     }
 }
@@ -83,11 +91,11 @@ proptest! {
 
     #[test]
     fn so_it_is_where_nothing_is_regular(
-        mesh in any_soup(), metric in either_metric(), block_vertices in 3_u32..90,
-        sub_meshes in 40_000_u64..90_000, core in prop_oneof![Just(25_000), 25_000_u64..60_000],
+        mesh in any_soup(), metric in either_metric(), bound in any_bound(), block_vertices in 3_u32..90,
+        sub_meshes in 40_000_u64..90_000, core in prop_oneof![Just(35_000), 35_000_u64..70_000],
     ) {
-        let (found, _) = with_redb(&blocked(&mesh, block_vertices), metric, tight(sub_meshes, core));
-        in_core(&mesh, metric).assert_same(&found);
+        let (found, _) = with_redb(&blocked(&mesh, block_vertices), (metric, bound), tight(sub_meshes, core));
+        in_core(&mesh, metric, bound).assert_same(&found);
     }
 }
 
@@ -101,12 +109,12 @@ fn one_edge_at_a_time_comes_to_the_same() {
         let mut sub_meshes = 2000;
         let (simplified, counters) = loop {
             let shares = tight(sub_meshes, 20_000);
-            match simplify(&stored, metric, EdgeTreeKind::Redb, shares, MemoryDisk::new(), Path::new("scratch")) {
+            match simplify(&stored, (metric, ErrorBound::Default), EdgeTreeKind::Redb, shares, MemoryDisk::new(), Path::new("scratch")) {
                 Err(SimplifyError::Spanned(SpannedError::Star { .. })) => sub_meshes += 500,
                 other => break other.unwrap(),
             }
         };
-        in_core(&mesh, metric).assert_same(&Outcome::of(simplified));
+        in_core(&mesh, metric, ErrorBound::Default).assert_same(&Outcome::of(simplified));
         assert!(counters.spanning_edges < counters.loads * 5, "{counters:?}");
         assert!(counters.loads > 100, "{counters:?}");
     }
@@ -127,15 +135,15 @@ fn a_star_that_does_not_fit_is_an_error_that_says_what_would_do() {
     let stored = blocked(&mesh, 500);
     let shares = tight(20_000, 20_000);
     let outcome =
-        simplify(&stored, Metric::Length, EdgeTreeKind::Redb, shares, MemoryDisk::new(), Path::new("scratch"));
+        simplify(&stored, (Metric::Length, ErrorBound::Default), EdgeTreeKind::Redb, shares, MemoryDisk::new(), Path::new("scratch"));
     let Err(error) = outcome else { panic!("no error") };
     let message = error.to_string();
     let SimplifyError::Spanned(SpannedError::Star { triangles, needed, .. }) = error else { panic!("{message}") };
     assert_eq!(triangles, 3000);
     assert!(message.contains("3000 triangles") && message.contains(&needed.as_argument()), "{message}");
     // What it advises is enough.
-    let (found, _) = with_redb(&stored, Metric::Length, tight(needed.0 / 4, 40_000));
-    in_core(&mesh, Metric::Length).assert_same(&found);
+    let (found, _) = with_redb(&stored, (Metric::Length, ErrorBound::Default), tight(needed.0 / 4, 40_000));
+    in_core(&mesh, Metric::Length, ErrorBound::Default).assert_same(&found);
 }
 
 /// What no legal collapse can reduce may be more than fits in memory: then the end phase takes some components at a time.
@@ -143,15 +151,15 @@ fn a_star_that_does_not_fit_is_an_error_that_says_what_would_do() {
 fn the_end_phase_comes_to_the_same_some_components_at_a_time() {
     for metric in Metric::ALL {
         for (mesh, core) in [(soup(800), 4_000), (made(crate::generate::Shape::City, 6_000, 3), 30_000)] {
-            let (found, counters) = with_redb(&blocked(&mesh, 300), metric, tight(100_000, core));
-            in_core(&mesh, metric).assert_same(&found);
-            assert!(Plan::memory_for_core(counters.core_triangles).0 > core, "{counters:?}");
+            let (found, counters) = with_redb(&blocked(&mesh, 300), (metric, ErrorBound::None), tight(100_000, core));
+            in_core(&mesh, metric, ErrorBound::None).assert_same(&found);
+            assert!(Plan::memory_for_core(counters.core_triangles, ErrorBound::None).0 > core, "{counters:?}");
         }
     }
     let stored = blocked(&made(crate::generate::Shape::City, 6_000, 3), 300);
     let shares = tight(100_000, 100);
     let outcome =
-        simplify(&stored, Metric::Length, EdgeTreeKind::Redb, shares, MemoryDisk::new(), Path::new("scratch"));
+        simplify(&stored, (Metric::Length, ErrorBound::Default), EdgeTreeKind::Redb, shares, MemoryDisk::new(), Path::new("scratch"));
     assert!(matches!(outcome, Err(SimplifyError::Spanned(SpannedError::Component { .. }))));
 }
 
@@ -163,13 +171,13 @@ fn with_sled_it_is_the_same() {
         let mesh = made(crate::generate::Shape::Terrain, 4_000, seed);
         let shares = Shares { tree: 1 << 40, ..tight(150_000, 50_000) };
         let (simplified, counters) =
-            simplify(&blocked(&mesh, 700), metric, EdgeTreeKind::Sled, shares, LocalDisk, &place).unwrap();
-        in_core(&mesh, metric).assert_same(&Outcome::of(simplified));
+            simplify(&blocked(&mesh, 700), (metric, ErrorBound::Default), EdgeTreeKind::Sled, shares, LocalDisk, &place).unwrap();
+        in_core(&mesh, metric, ErrorBound::Default).assert_same(&Outcome::of(simplified));
         assert!(counters.loads > 5, "{counters:?}");
         assert!(!place.exists());
-        let refused = simplify(&blocked(&mesh, 700), metric, EdgeTreeKind::Sled, tight(150_000, 0), LocalDisk, &place);
+        let refused = simplify(&blocked(&mesh, 700), (metric, ErrorBound::Default), EdgeTreeKind::Sled, tight(150_000, 0), LocalDisk, &place);
         let message = refused.unwrap_err().to_string();
-        let advice = memory_for_sled(mesh.positions.len() as u64, mesh.triangles.len() as u64).as_argument();
+        let advice = memory_for_sled(mesh.positions.len() as u64, mesh.triangles.len() as u64, ErrorBound::Default).as_argument();
         assert!(message.contains("--edge-tree redb") && message.contains(&advice), "{message}");
         assert!(!place.exists());
     }
@@ -180,15 +188,15 @@ proptest! {
     fn with_what_is_advised_for_sled_it_does_and_with_less_it_does_not(
         triangles in prop_oneof![1_u64..5_000_000, 1_u64..1 << 32], missing in 1_u64..100_000_000,
     ) {
-        let vertices = triangles / 2 + 2;
+        let (bound, vertices) = (ErrorBound::Default, triangles / 2 + 2);
         let mesh = vertices * 12 + triangles * 12;
         let does = |memory: u64| {
             let memory = memory.saturating_sub(mesh);
             let needed = storage::edge_tree::sled_needs(triangles * 3 / 2).0;
-            let is_in_core = triangles <= Plan::new(memory, 1).queue_triangles;
+            let is_in_core = triangles <= Plan::new(memory, 1, bound).queue_triangles;
             (is_in_core, needed <= Shares::new(ByteSize(memory), EdgeTreeKind::Sled).tree)
         };
-        let ByteSize(advice) = memory_for_sled(vertices, triangles);
+        let ByteSize(advice) = memory_for_sled(vertices, triangles, bound);
         let (is_in_core, is_in_tree) = does(advice);
         prop_assert!(is_in_core || is_in_tree);
         prop_assert_eq!(does(advice.saturating_sub(1 << 20).saturating_sub(missing)), (false, false));
@@ -210,8 +218,10 @@ proptest! {
 
 #[test]
 fn advice_for_sled_ends_whatever_a_file_claims() {
-    assert_eq!(memory_for_sled(0, 0), ByteSize(MEBIBYTE));
-    memory_for_sled(u64::MAX, u64::MAX);
+    for bound in ErrorBound::ALL {
+        assert_eq!(memory_for_sled(0, 0, bound), ByteSize(MEBIBYTE));
+        memory_for_sled(u64::MAX, u64::MAX, bound);
+    }
 }
 
 #[test]
@@ -219,7 +229,7 @@ fn a_full_disk_or_one_that_cannot_be_read_is_an_error_and_nothing_is_left() {
     let stored = blocked(&made(crate::generate::Shape::Terrain, 3_000, 4), 500);
     let memory = MemoryDisk::new();
     let (place, shares) = (Path::new("scratch"), tight(150_000, 50_000));
-    let with = |disk| simplify(&stored, Metric::Quadric, EdgeTreeKind::Redb, shares, disk, place);
+    let with = |disk| simplify(&stored, (Metric::Quadric, ErrorBound::Default), EdgeTreeKind::Redb, shares, disk, place);
     for full in [0, 5_000, 300_000, 1_500_000] {
         let disk = FaultyDisk::new(Arc::new(memory.clone()));
         disk.full_after(full);
@@ -325,7 +335,7 @@ fn check_loads<M: CollapseMetric>(task: &Task<'_, M>) {
     while !loads.tree.is_empty() {
         let Some(limit) = loads.load(&task.shares).unwrap() else { continue };
         // A triangle more than the limit at most.
-        let enough = loads.most + SubMeshes::<M>::bytes_of(3, 1);
+        let enough = loads.most + SubMeshes::<M>::bytes_of(3, 1, 1);
         assert!(loads.loaded.bytes() <= enough);
         // Every edge that is left in the tree is above the limit, those that touch what is loaded, too.
         let mut smallest = None;
@@ -383,9 +393,10 @@ proptest! {
         let stored = blocked(&mesh, block_vertices);
         let (scratch, _) = Scratch::open(Arc::new(MemoryDisk::new()), Path::new("scratch"), "").unwrap();
         let (mesh, kind, shares, scratch) = (&stored, EdgeTreeKind::Redb, tight(sub_meshes, 0), &scratch);
+        let bound = ErrorBound::Default;
         match metric {
-            Metric::Quadric => check_loads(&Task { mesh, metric: QuadricMetric, kind, shares, scratch }),
-            Metric::Length => check_loads(&Task { mesh, metric: LengthMetric, kind, shares, scratch }),
+            Metric::Quadric => check_loads(&Task { mesh, metric: QuadricMetric, bound, kind, shares, scratch }),
+            Metric::Length => check_loads(&Task { mesh, metric: LengthMetric, bound, kind, shares, scratch }),
         }
     }
 }
@@ -397,5 +408,6 @@ fn so_do_loads_of_a_surface() {
     let (scratch, _) = Scratch::open(Arc::new(MemoryDisk::new()), Path::new("scratch"), "").unwrap();
     let shares = tight(60_000, 0);
     let kind = EdgeTreeKind::Redb;
-    check_loads(&Task { mesh: &stored, metric: QuadricMetric, kind, shares, scratch: &scratch });
+    let bound = ErrorBound::Default;
+    check_loads(&Task { mesh: &stored, metric: QuadricMetric, bound, kind, shares, scratch: &scratch });
 }

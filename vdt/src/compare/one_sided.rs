@@ -1,0 +1,231 @@
+//! How far one surface is from another, seen from the first.
+//!
+//! 1. *Samples*: their mean and root mean square. The vertices are looked at as well, every one or, where there are more
+//!    than samples, every so many-th; and the largest distance of all these is kept.
+//! 2. *Sweep*: every triangle is passed over if it cannot hold a larger distance, by the distance at a point near it that
+//!    was looked at before. What is left is looked at closer (module `refine`), with a limited number of searches.
+//! 3. What is open then is refined together, the worst first.
+//!
+//! Jobs are of a fixed size, and their sums are added in order: what comes out does not depend on the threads.
+//!
+//! Memory: for each thread 150 KB of triangles, 150 KB of open ones, and its share of the caches. I/O: the triangles and
+//! the vertices of the first surface once or twice, and what the caches of the second miss.
+
+use storage::StorageError;
+
+use super::refine::{Farthest, Open, OpenSet, halve};
+use super::samples::for_each_sample;
+use super::surface::{CHUNK, Corners, Surface, exact};
+use super::target::{Searcher, Target};
+use super::triangle::farthest;
+use crate::vector::Vector;
+use crate::workers::for_each;
+
+/// Jobs between two reports of progress.
+const JOBS_AT_ONCE: u64 = 64;
+
+/// Searches in the sweep, for each triangle and for each sample: a chunk has those of its triangles, and as many more as
+/// its share of the area.
+const SEARCHES_FOR_A_TRIANGLE: u64 = 2;
+const SEARCHES_FOR_A_SAMPLE: u64 = 2;
+/// One triangle may have one part in so many of the searches that its chunk has left.
+const PART_FOR_ONE: u64 = 8;
+
+/// How far one surface is from another: distances of its points from the nearest ones of the other, in mesh units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OneSided {
+    /// Mean over the area, by samples.
+    pub mean: f64,
+    /// Root of the mean square over the area, by samples.
+    pub rms: f64,
+    /// The largest distance that was found: the true maximum is no smaller.
+    pub max: f64,
+    /// The point where that is, in the coordinates of the file.
+    pub max_at: [f64; 3],
+    /// The true maximum is no larger than this, up to rounding.
+    pub max_at_most: f64,
+}
+
+/// How to measure.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Effort {
+    /// Samples on the surface.
+    pub samples: u64,
+    /// Threads that may work. The result does not depend on them.
+    pub threads: usize,
+    /// Bytes for the caches of all threads, which are needed where the other surface is on disk.
+    pub cache_bytes: usize,
+}
+
+/// What a thread works with.
+struct Worker<'a> {
+    searcher: Searcher<'a>,
+    triangles: Vec<Corners>,
+    positions: Vec<[f32; 3]>,
+    best: Farthest,
+    open: OpenSet,
+}
+
+/// A surface on its way to the target's frame.
+#[derive(Clone, Copy)]
+struct Source<'a> {
+    surface: &'a Surface,
+    /// What to add to its positions.
+    offset: Vector,
+}
+
+impl Source<'_> {
+    fn placed(&self, point: Vector) -> Vector {
+        std::array::from_fn(|axis| point[axis] + self.offset[axis])
+    }
+}
+
+/// Measures how far a surface is from a target. `progress` is told the share of the work that is done, from 0 to 1.
+///
+/// # Errors
+///
+/// Those of the scratch disk.
+pub fn one_sided(
+    surface: &Surface,
+    target: &Target<'_>,
+    effort: Effort,
+    progress: &mut dyn FnMut(f64),
+) -> Result<OneSided, StorageError> {
+    let Effort { samples, threads, cache_bytes } = effort;
+    let from = Source { surface, offset: surface.offset_to(target.surface) };
+    let threads = threads.max(1);
+    let mut workers: Vec<Worker<'_>> = (0..threads)
+        .map(|_| Worker {
+            searcher: Searcher::new(target, cache_bytes / threads),
+            triangles: vec![Corners::default(); CHUNK],
+            positions: vec![[0.0; 3]; CHUNK],
+            best: Farthest::NONE,
+            open: OpenSet::new(),
+        })
+        .collect();
+    let jobs_of = |count: u64| count.div_ceil(CHUNK as u64);
+    let (vertices, triangles) = (surface.positions.len(), surface.triangle_count());
+    let stride = vertices.div_ceil(samples.max(1));
+    let jobs = [jobs_of(samples), jobs_of(vertices), jobs_of(triangles)];
+    let all = jobs.iter().sum::<u64>().max(1) as f64;
+    let mut report = |done: u64| progress(done as f64 / all);
+
+    let mut sums = [0.0; 2];
+    for_jobs(
+        &mut workers,
+        jobs[0],
+        &mut report,
+        &|worker, job| worker.sample(&from, job, samples),
+        |of_job: [f64; 2]| sums = [0, 1].map(|which| sums[which] + of_job[which]),
+    )?;
+    let mut report = |done: u64| progress((jobs[0] + done) as f64 / all);
+    for_jobs(&mut workers, jobs[1], &mut report, &|worker, job| worker.look_at_vertices(&from, job, stride), |()| ())?;
+
+    let known = best_of(&workers);
+    let mut report = |done: u64| progress((jobs[0] + jobs[1] + done) as f64 / all);
+    for_jobs(&mut workers, jobs[2], &mut report, &|worker, job| worker.sweep(&from, job, known, samples), |()| ())?;
+
+    let mut best = best_of(&workers);
+    let mut open = OpenSet::new();
+    workers.into_iter().for_each(|worker| open.append(worker.open));
+    let mut searcher = Searcher::new(target, cache_bytes);
+    let max_at_most = open.refine(&mut searcher, &mut best, surface.diagonal())?;
+    let [mean, mean_square] = sums.map(|sum| sum / samples.max(1) as f64);
+    Ok(OneSided {
+        mean,
+        rms: mean_square.sqrt(),
+        max: best.distance,
+        max_at: std::array::from_fn(|axis| best.at[axis] + target.surface.origin[axis]),
+        max_at_most,
+    })
+}
+
+/// Does jobs number 0 to `count`, some at a time, and hands on what they came to, in order.
+fn for_jobs<'a, R: Send>(
+    workers: &mut [Worker<'a>],
+    count: u64,
+    report: &mut dyn FnMut(u64),
+    work: &(dyn Fn(&mut Worker<'a>, u64) -> Result<R, StorageError> + Sync),
+    mut take: impl FnMut(R),
+) -> Result<(), StorageError> {
+    let mut done = 0;
+    while done < count {
+        let now = (count - done).min(JOBS_AT_ONCE);
+        for_each(workers, now as usize, |worker, job| work(worker, done + job as u64))?.into_iter().for_each(&mut take);
+        done += now;
+        report(done);
+    }
+    Ok(())
+}
+
+fn best_of(workers: &[Worker<'_>]) -> Farthest {
+    let mut best = Farthest::NONE;
+    workers.iter().for_each(|worker| best.include(worker.best));
+    best
+}
+
+impl Worker<'_> {
+    /// The sum of the distances of a job's samples, and of their squares.
+    fn sample(&mut self, from: &Source<'_>, job: u64, samples: u64) -> Result<[f64; 2], StorageError> {
+        let Worker { searcher, triangles, best, .. } = self;
+        let mut sums = [0.0; 2];
+        let first = job * CHUNK as u64;
+        let numbers = first..(first + CHUNK as u64).min(samples);
+        for_each_sample(from.surface, numbers, samples, triangles, |point| {
+            let at = from.placed(point);
+            let nearest = searcher.nearest(at)?;
+            let distance = nearest.distance();
+            sums = [sums[0] + distance, sums[1] + nearest.squared];
+            best.include(Farthest { distance, at });
+            Ok(())
+        })?;
+        Ok(sums)
+    }
+
+    /// Looks at each vertex whose number is a multiple of `stride`.
+    fn look_at_vertices(&mut self, from: &Source<'_>, job: u64, stride: u64) -> Result<(), StorageError> {
+        let first = job * CHUNK as u64;
+        let found = from.surface.positions.read(first, &mut self.positions)?;
+        for (number, position) in (first..).zip(&self.positions[..found]) {
+            if number % stride == 0 {
+                let at = from.placed(position.map(f64::from));
+                let distance = self.searcher.nearest(at)?.distance();
+                self.best.include(Farthest { distance, at });
+            }
+        }
+        Ok(())
+    }
+
+    /// Looks closer at the triangles that may hold a larger distance than is known.
+    fn sweep(&mut self, from: &Source<'_>, job: u64, known: Farthest, samples: u64) -> Result<(), StorageError> {
+        let Worker { searcher, triangles, open, .. } = self;
+        let diagonal = from.surface.diagonal();
+        let first = job * CHUNK as u64;
+        let found = from.surface.triangles.read(first, triangles)?;
+        let mut searches = SEARCHES_FOR_A_TRIANGLE * found as u64;
+        searches += (from.surface.share(job) * (SEARCHES_FOR_A_SAMPLE * samples) as f64) as u64;
+        // What this job knows: not what others have found, or it would depend on the threads.
+        let mut best = known;
+        let mut last: Option<Farthest> = None;
+        for (number, corners) in (first..).zip(&triangles[..found]) {
+            let triangle = exact(corners).map(|corner| from.placed(corner));
+            let mut bound = f64::INFINITY;
+            if let Some(Farthest { distance, at }) = last {
+                bound = distance + farthest(at, &triangle);
+                if bound <= best.enough(diagonal) {
+                    open.settle(bound);
+                    continue;
+                }
+            }
+            let (whole, middle) = Open::look(searcher, number, triangle, bound)?;
+            best.include(middle);
+            last = Some(middle);
+            let allowed = searches / PART_FOR_ONE;
+            let halved = halve(vec![whole], allowed, searcher, &mut best, diagonal, |piece| open.add(piece))?;
+            open.settle(halved.settled);
+            searches -= halved.searches.min(searches);
+        }
+        self.best.include(best);
+        Ok(())
+    }
+}

@@ -1,0 +1,185 @@
+//! A point and a triangle: how far apart they are.
+//!
+//! Exact up to rounding in double precision, for every triangle: slivers, segments and points too. What is computed is
+//! always the distance to some point of the triangle (up to rounding), so it is never too small by more than that.
+//!
+//! Where the foot of the perpendicular lies inside, it is nearest. Else the nearest point lies on a side that has the
+//! point on its outside. A triangle whose smallest angle is below a thousandth has a normal that says little: there all
+//! three sides are looked at, and the error is less than its width.
+
+use crate::vector::{Vector, cross, dot, minus};
+
+/// Three corners.
+pub(super) type Triangle = [Vector; 3];
+
+/// Below this square of the sine of an angle, a triangle counts as a sliver.
+const SLIVER: f64 = 1e-6;
+
+/// A point that lies `along` the way from one point to another, 0 to 1.
+fn between(from: Vector, to: Vector, along: f64) -> Vector {
+    std::array::from_fn(|axis| from[axis] + (to[axis] - from[axis]) * along)
+}
+
+/// The distance between two points.
+pub(super) fn length(left: Vector, right: Vector) -> f64 {
+    let way = minus(left, right);
+    dot(way, way).sqrt()
+}
+
+/// Square of the distance of the origin from a segment.
+fn to_segment(a: Vector, b: Vector) -> f64 {
+    let side = minus(b, a);
+    let square = dot(side, side);
+    let along = if square > 0.0 { (-dot(a, side) / square).clamp(0.0, 1.0) } else { 0.0 };
+    let nearest: Vector = std::array::from_fn(|axis| a[axis] + side[axis] * along);
+    dot(nearest, nearest)
+}
+
+/// Square of the distance of a point from the nearest one of a triangle.
+pub(super) fn squared_distance(point: Vector, triangle: &Triangle) -> f64 {
+    // Seen from the point.
+    let [a, b, c] = triangle.map(|corner| minus(corner, point));
+    let (ab, ac) = (minus(b, a), minus(c, a));
+    let normal = cross(ab, ac);
+    let square = dot(normal, normal);
+    let is_sliver = square <= SLIVER * dot(ab, ab) * dot(ac, ac);
+    // The weights of the corners at the foot of the perpendicular, times `square`.
+    let at_b = dot(normal, cross(ac, a));
+    let at_c = dot(normal, cross(a, ab));
+    let at_a = square - at_b - at_c;
+    let mut least = f64::INFINITY;
+    if at_a >= 0.0 && at_b >= 0.0 && at_c >= 0.0 && square > 0.0 {
+        let (along_b, along_c) = (at_b / square, at_c / square);
+        let foot: Vector = std::array::from_fn(|axis| a[axis] + ab[axis] * along_b + ac[axis] * along_c);
+        least = dot(foot, foot);
+        if !is_sliver {
+            return least;
+        }
+    }
+    if at_c < 0.0 || is_sliver {
+        least = least.min(to_segment(a, b));
+    }
+    if at_b < 0.0 || is_sliver {
+        least = least.min(to_segment(a, c));
+    }
+    if at_a < 0.0 || is_sliver {
+        least = least.min(to_segment(b, c));
+    }
+    least
+}
+
+/// The middle of a triangle.
+pub(super) fn centre(triangle: &Triangle) -> Vector {
+    std::array::from_fn(|axis| triangle.iter().map(|corner| corner[axis]).sum::<f64>() / 3.0)
+}
+
+/// How far the corner farthest from a point is: no point of the triangle is farther.
+pub(super) fn farthest(point: Vector, triangle: &Triangle) -> f64 {
+    triangle.iter().map(|corner| length(point, *corner)).fold(0.0, f64::max)
+}
+
+/// The largest distance of a corner of `triangle` from `other`. The distance from a convex set is convex, so no point of
+/// the triangle is farther from it.
+pub(super) fn farthest_corner(triangle: &Triangle, other: &Triangle) -> f64 {
+    triangle.iter().map(|corner| squared_distance(*corner, other)).fold(0.0, f64::max).sqrt()
+}
+
+/// The two halves of a triangle, cut in the middle of its longest side.
+pub(super) fn halves(triangle: &Triangle) -> [Triangle; 2] {
+    let sides = [0, 1, 2].map(|first| length(triangle[first], triangle[(first + 1) % 3]));
+    let first = if sides[0] >= sides[1] && sides[0] >= sides[2] {
+        0
+    } else if sides[1] >= sides[2] {
+        1
+    } else {
+        2
+    };
+    let [a, b, c] = [0, 1, 2].map(|corner| triangle[(first + corner) % 3]);
+    let middle = between(a, b, 0.5);
+    [[a, middle, c], [middle, b, c]]
+}
+
+/// Area of a triangle.
+pub(super) fn area(triangle: &Triangle) -> f64 {
+    let normal = cross(minus(triangle[1], triangle[0]), minus(triangle[2], triangle[0]));
+    dot(normal, normal).sqrt() * 0.5
+}
+
+/// The longest side of a triangle: its two ends.
+pub(super) fn longest_side(triangle: &Triangle) -> [Vector; 2] {
+    let [a, b, c] = *triangle;
+    let [ab, bc, ca] = [length(a, b), length(b, c), length(c, a)];
+    if ab >= bc && ab >= ca {
+        [a, b]
+    } else if bc >= ca {
+        [b, c]
+    } else {
+        [c, a]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// The least distance to the points of a fine grid in the triangle.
+    fn by_a_grid(point: Vector, triangle: &Triangle) -> f64 {
+        let steps = 60;
+        let mut least = f64::INFINITY;
+        for i in 0..=steps {
+            for j in 0..=steps - i {
+                let [u, v] = [i, j].map(|step| f64::from(step) / f64::from(steps));
+                let place: Vector = std::array::from_fn(|axis| {
+                    let [a, b, c] = triangle.map(|corner| corner[axis]);
+                    a + (b - a) * u + (c - a) * v
+                });
+                least = least.min(length(point, place));
+            }
+        }
+        least
+    }
+
+    fn coordinate() -> impl Strategy<Value = f64> {
+        // Whole numbers give corners that coincide, lie on a line, and points in the plane.
+        prop_oneof![-1.0..1.0, (-1..=1).prop_map(f64::from)]
+    }
+
+    proptest! {
+        #[test]
+        fn distance_is_that_of_the_nearest_of_many_points(
+            point in prop::array::uniform3(coordinate()),
+            triangle in prop::array::uniform3(prop::array::uniform3(coordinate())),
+            flatness in prop_oneof![Just(1.0), Just(1e-3), Just(1e-5), Just(1e-9), Just(0.0)],
+        ) {
+            let triangle = triangle.map(|corner: Vector| [corner[0], corner[1] * flatness, corner[2] * flatness]);
+            let distance = squared_distance(point, &triangle).sqrt();
+            let grid = by_a_grid(point, &triangle);
+            prop_assert!(distance <= grid + 1e-12, "{} {}", distance, grid);
+            let step = triangle.iter().map(|corner| length(*corner, triangle[0])).fold(0.0, f64::max) / 30.0;
+            prop_assert!(distance >= grid - step - 1e-12, "{} {}", distance, grid);
+            let halved = halves(&triangle).map(|half| squared_distance(point, &half)).into_iter().fold(9.0, f64::min);
+            prop_assert!((halved.sqrt() - distance).abs() < 1e-9, "{} {}", halved.sqrt(), distance);
+            let middle = centre(&triangle);
+            let radius = farthest(middle, &triangle);
+            prop_assert!(squared_distance(middle, &triangle).sqrt() < 1e-12);
+            prop_assert!(length(middle, point) <= distance + 2.0 * radius + 1e-12);
+        }
+    }
+
+    #[test]
+    fn nearest_inside_at_a_side_and_at_a_corner() {
+        let triangle = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]];
+        for (point, expected) in [
+            ([0.5, 0.5, 3.0], 9.0),
+            ([0.5, 0.5, 0.0], 0.0),
+            ([1.0, -2.0, 0.0], 4.0),
+            ([2.0, 2.0, 0.0], 2.0),
+            ([-1.0, -1.0, 1.0], 3.0),
+        ] {
+            assert_eq!(squared_distance(point, &triangle), expected, "{point:?}");
+        }
+        assert_eq!((area(&triangle), longest_side(&triangle)), (2.0, [[2.0, 0.0, 0.0], [0.0, 2.0, 0.0]]));
+    }
+}
