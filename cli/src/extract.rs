@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use anyhow::{Result, bail};
 use metanode::model::Model;
-use metanode::{UniformCut, error_for_triangles};
+use metanode::{Statement, UniformCut, error_for_triangles};
 use navigator::{Camera, Dependency, Io, Navigator, NavigatorOptions};
 use serde_json::json;
 use storage::{ByteSize, LocalDisk};
@@ -12,8 +12,9 @@ use vdt::mesh::MeshError;
 use vdt::mesh::ply_writer::{CoordinateType, PlyLayout, PlyWriter};
 
 use crate::arguments::{CameraArgument, ExtractOptions, PictureSize};
-use crate::output::{Report, counted, length, may_write};
+use crate::output::{Report, counted, may_write};
 use crate::progress::Progress;
+use crate::statement;
 
 /// Vertical field of view of `--camera`, in degrees.
 const FIELD_OF_VIEW: f64 = 60.0;
@@ -27,7 +28,7 @@ struct Extracted {
     vertices: u64,
     triangles: u64,
     bytes: u64,
-    error_stated: f64,
+    said: Statement,
     /// Something that the user should know.
     note: Option<String>,
 }
@@ -38,12 +39,12 @@ pub fn run(options: ExtractOptions, json: bool) -> Result<()> {
     if options.output.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("ply")) {
         bail!("{}: meshes are written as PLY; give a name that ends in .ply", options.output.display());
     }
-    let model = Model::open(&LocalDisk, &options.model)?;
+    let model = Arc::new(Model::open(&LocalDisk, &options.model)?);
     let progress = Progress::new("extracting");
     let extracted = match (options.cut.error, options.cut.triangles, options.cut.camera) {
         (Some(error), _, _) => uniform(&model, &options, not_above(error.in_units(model.header().diagonal())))?,
         (_, Some(triangles), _) => uniform(&model, &options, error_for_triangles(&model, triangles)?)?,
-        (_, _, Some(camera)) => seen(model, &options, camera)?,
+        (_, _, Some(camera)) => seen(model.clone(), &options, camera)?,
         // clap asks for exactly one of the three.
         _ => bail!("say which level of detail: --error, --triangles or --camera"),
     };
@@ -53,30 +54,20 @@ pub fn run(options: ExtractOptions, json: bool) -> Result<()> {
     report.line("mesh", options.output.display());
     report.line("triangles", counted(extracted.triangles, "triangle", "triangles"));
     report.line("vertices", counted(extracted.vertices, "vertex", "vertices"));
-    report.line(
-        "error",
-        match extracted.error_stated {
-            0.0 => "none: this is the mesh itself".into(),
-            stated => format!("{} by the metric's estimate (not guaranteed)", length(stated)),
-        },
-    );
+    statement::tell(&mut report, &extracted.said, model.header());
     report.line("size", ByteSize(extracted.bytes));
     if let Some(note) = &extracted.note {
         report.line("note", note);
     }
-    report.print(
-        json,
-        &json!({
-            "triangles": extracted.triangles,
-            "vertices": extracted.vertices,
-            "error_stated": extracted.error_stated,
-            // The mesh itself, exactly, needs no bound.
-            "guaranteed": extracted.error_stated == 0.0,
-            "bytes": extracted.bytes,
-            "note": extracted.note,
-            "peak_rss_bytes": storage::usage::peak_resident_bytes(),
-        }),
-    )
+    let mut document = json!({
+        "triangles": extracted.triangles,
+        "vertices": extracted.vertices,
+        "bytes": extracted.bytes,
+        "note": extracted.note,
+        "peak_rss_bytes": storage::usage::peak_resident_bytes(),
+    });
+    statement::add_to(&mut document, &extracted.said, model.header());
+    report.print(json, &document)
 }
 
 /// The largest f32 that is not above `error`.
@@ -117,19 +108,17 @@ fn uniform(model: &Model, options: &ExtractOptions, error: f32) -> Result<Extrac
     let mut writer = PlyWriter::create(Arc::new(LocalDisk), &options.output, layout)?;
     cut.for_each_vertex(|position| -> Result<()> { Ok(writer.vertex(with_origin(position, origin))?) })?;
     cut.for_each_triangle(|corners| -> Result<()> { Ok(writer.triangle(corners)?) })?;
-    let note = (cut.triangle_count() == 0 && model.header().triangle_count > 0).then(|| {
-        format!("nothing is left at this error: the whole model vanishes at {}", model.header().largest_switch)
-    });
+    let said = cut.statement()?;
     Ok(Extracted {
         vertices: cut.vertex_count(),
         triangles: cut.triangle_count(),
         bytes: writer.finish()?,
-        error_stated: cut.error_stated().into(),
-        note,
+        said,
+        note: None,
     })
 }
 
-fn seen(model: Model, options: &ExtractOptions, camera: CameraArgument) -> Result<Extracted> {
+fn seen(model: Arc<Model>, options: &ExtractOptions, camera: CameraArgument) -> Result<Extracted> {
     let origin = model.header().origin;
     let (pixels, size) = (options.pixels.unwrap_or(1.0), options.size.unwrap_or(PictureSize::FULL_HD));
     let camera = Camera::looking_at(camera.eye.into(), camera.target.into(), FIELD_OF_VIEW);
@@ -142,7 +131,7 @@ fn seen(model: Model, options: &ExtractOptions, camera: CameraArgument) -> Resul
         io: Io::Sync,
         ..NavigatorOptions::default()
     };
-    let mut navigator = Navigator::open(Arc::new(model), navigator_options)?;
+    let mut navigator = Navigator::open(model, navigator_options)?;
     let frame = navigator.run_until_settled(&camera, MOST_FRAMES)?;
 
     // Vertices in the order in which the triangles name them; those that none names are left out.
@@ -171,7 +160,7 @@ fn seen(model: Model, options: &ExtractOptions, camera: CameraArgument) -> Resul
         vertices: vertices.len() as u64,
         triangles,
         bytes: writer.finish()?,
-        error_stated: frame.error_stated.into(),
+        said: navigator.statement(),
         note,
     })
 }

@@ -17,6 +17,7 @@ mod info;
 mod navigate;
 mod output;
 mod progress;
+mod statement;
 mod table;
 mod verify;
 

@@ -10,12 +10,13 @@ use serde_json::{Value, json};
 use storage::{AtomicFile, ByteSize, Disk, LocalDisk};
 
 use crate::arguments::{self, DependencyName, IoName, PolicyName};
-use crate::output::{Report, grouped, length, may_write};
+use crate::output::{Report, bound, counted, grouped, length, may_write};
 use crate::progress::Progress;
+use crate::statement::why_not_guaranteed;
 
 /// The first line of the CSV file: the fields of [`FrameStatistics`].
 const CSV_HEADER: &str = "frame,triangles,vertices,splits,collapses,requests,misses,blocked,forced,over_budget,\
-threshold_factor,error_stated,pages_in_use,reads,bytes_read,second_chances,urgent,prefetch_given_up,frame_ms,cpu_ms\n";
+threshold_factor,error_stated,guaranteed,vanished_parts,pages_in_use,reads,bytes_read,second_chances,urgent,prefetch_given_up,frame_ms,cpu_ms\n";
 
 pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
     let disk: Arc<dyn Disk> = Arc::new(LocalDisk);
@@ -76,7 +77,7 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
     }
     let peak = storage::usage::peak_resident_bytes();
     report(&options, &summary, &model, place_holders, peak)
-        .print(json, &to_json(&options, &summary, budget_bytes, place_holders, peak))
+        .print(json, &to_json(&options, &summary, &model, budget_bytes, place_holders, peak))
 }
 
 fn csv_line(frame: &FrameStatistics) -> String {
@@ -93,6 +94,8 @@ fn csv_line(frame: &FrameStatistics) -> String {
         over_budget,
         threshold_factor,
         error_stated,
+        guaranteed,
+        vanished_parts,
         pages_in_use,
         frame_ms,
         cpu_ms,
@@ -104,8 +107,9 @@ fn csv_line(frame: &FrameStatistics) -> String {
     } = frame;
     format!(
         "{frame},{triangles},{vertices},{splits},{collapses},{requests},{misses},{blocked},{forced},{over_budget},\
-         {threshold_factor},{error_stated},{pages_in_use},{reads},{bytes_read},{second_chances},{urgent},\
-         {prefetch_given_up},{frame_ms:.3},{cpu_ms:.3}\n"
+         {threshold_factor},{error_stated},{},{vanished_parts},{pages_in_use},{reads},{bytes_read},{second_chances},{urgent},\
+         {prefetch_given_up},{frame_ms:.3},{cpu_ms:.3}\n",
+        u8::from(*guaranteed)
     )
 }
 
@@ -149,8 +153,17 @@ fn report(
             grouped(summary.second_chances),
         ),
     );
-    let stated = length(summary.error_stated.into());
-    report.line("error", format!("up to {stated} in the picture, by the metric's estimate (not guaranteed)"));
+    let stated = f64::from(summary.error_stated);
+    let error = match summary.guaranteed() {
+        true => format!("up to {} in the picture, guaranteed for the parts that are drawn", bound(stated)),
+        false => format!("up to {} in the picture, {}", length(stated), why_not_guaranteed(model.header().error_bound)),
+    };
+    report.line("error", error);
+    if summary.vanished_parts > 0 {
+        let parts = counted(model.header().root_count.into(), "part", "parts");
+        let vanished = grouped(summary.vanished_parts);
+        report.line("vanished", format!("up to {vanished} of {parts} are not drawn; the error is that of the others"));
+    }
     if summary.threshold_factor > 1.0 {
         let pixels = options.pixels * summary.threshold_factor;
         report.line("note", format!("the budget did not always allow this error: up to {pixels:.1} pixels were drawn"));
@@ -172,6 +185,7 @@ fn report(
 fn to_json(
     options: &arguments::NavigateOptions,
     summary: &FlightSummary,
+    model: &Model,
     budget_bytes: u64,
     place_holders: usize,
     peak: Option<u64>,
@@ -187,6 +201,9 @@ fn to_json(
         "cpu_ms_mean": summary.cpu_ms_mean(),
         "error_stated": summary.error_stated,
         "guaranteed": summary.guaranteed(),
+        "vanished_parts_max": summary.vanished_parts,
+        "input_error": model.header().input_error,
+        "error_bound": model.header().error_bound.to_string(),
         "reads": summary.reads,
         "bytes_read": summary.bytes_read,
         "second_chances": summary.second_chances,

@@ -1,4 +1,4 @@
-//! A bit for each leaf, and ranks: how many bits are set up to a leaf.
+//! A bit for each leaf, or vertex, or tree, and ranks: how many bits are set up to a leaf.
 //!
 //! Memory: one bit for each leaf; the ranks take half a bit more. A rank is one look-up and one population count.
 
@@ -17,6 +17,16 @@ impl Bits {
     /// Puts `number` in.
     pub(crate) fn insert(&mut self, number: u32) {
         self.words[number as usize / 64] |= 1 << (number % 64);
+    }
+
+    /// Whether `number` is in it.
+    pub(crate) fn contains(&self, number: u32) -> bool {
+        self.words[number as usize / 64] >> (number % 64) & 1 == 1
+    }
+
+    /// Bytes of RAM that this holds.
+    pub(crate) fn resident_bytes(&self) -> usize {
+        self.words.capacity() * size_of::<u64>()
     }
 
     /// The same set, closed to changes, with ranks.
@@ -66,6 +76,7 @@ mod tests {
     fn ranks_count_up_to_and_with_the_number() {
         let mut bits = Bits::new(200);
         [0, 5, 63, 64, 130, 199].into_iter().for_each(|number| bits.insert(number));
+        assert!((0..200).filter(|number| bits.contains(*number)).eq([0, 5, 63, 64, 130, 199]));
         let ranked = bits.ranked();
         let expected = |number: u32| [0, 5, 63, 64, 130, 199].iter().filter(|set| **set <= number).count() as u32;
         assert!((0..200).all(|number| ranked.rank(number) == expected(number)));

@@ -8,13 +8,17 @@
 //! vertex number the rank of that bit. A triangle is active where its birth split is applied (design, 1).
 //!
 //! RAM: 1.5 bits for each leaf, two or so pages for the triangles, up to 32 pages and 56 bytes for each level of the
-//! binary tree for the vertices, 5 bytes for each tree. I/O: each page with an applied split once for the counts, once
-//! for the triangles and (but for a few near the root) once for the vertices.
+//! binary tree for the vertices, 9 bytes for each tree; for the statement, where parts have vanished, 31 bytes for each of
+//! those and a bit for each vertex. I/O: each page with an applied split once for the counts, once for the triangles and
+//! (but for a few near the root) once for the vertices; for the statement, where parts have vanished, once more for the
+//! triangles and three times for the vertices.
 
 use crate::bits::{Bits, RankedBits};
 use crate::header::ModelError;
 use crate::model::Model;
 use crate::page::{ChildEntry, NONE_32, Page, PageLocation, Target};
+use crate::statement::{Drawn, Statement};
+use crate::vanished::VanishedParts;
 use crate::walk::walk;
 
 /// The mesh of a uniform cut.
@@ -25,7 +29,7 @@ pub struct UniformCut<'a> {
     /// The first leaves of the active nodes.
     starts: RankedBits,
     triangle_count: u64,
-    error_stated: f32,
+    trees: Trees,
 }
 
 impl<'a> UniformCut<'a> {
@@ -35,25 +39,21 @@ impl<'a> UniformCut<'a> {
         let is_applied = |switch: f32| switch > error;
         let mut starts = Bits::new(model.header().leaf_count);
         let mut triangle_count = 0;
-        let mut error_stated = 0.0_f32;
-        let mut leave_unsplit = |switch: f32| error_stated = error_stated.max(switch);
-        for root in model.roots() {
-            starts.insert(root.start);
-            if !is_applied(root.switch) {
-                leave_unsplit(root.switch);
-            }
-        }
+        let mut trees = Trees::new(model);
+        model.roots().iter().for_each(|root| starts.insert(root.start));
         walk(model, error, |page, nodes| {
             for (index, _) in (0..).zip(nodes).filter(|(_, node)| is_applied(node.switch)) {
-                triangle_count += page.triangles(index).len() as u64;
+                let born = page.triangles(index).len() as u64;
+                triangle_count += born;
                 let Some(record) = page.record(index) else { continue };
                 starts.insert(record.born_leaf);
-                let children = [record.kept, record.born].into_iter().flatten();
-                children.filter(|entry| !is_applied(entry.switch)).for_each(|entry| leave_unsplit(entry.switch));
+                let children = [record.kept, record.born].into_iter().flatten().map(|entry| entry.switch);
+                let unsplit = children.filter(|switch| !is_applied(*switch)).fold(0.0, f32::max);
+                trees.add(model, record.born_leaf, unsplit, born > 0);
             }
             Ok::<_, ModelError>(())
         })?;
-        Ok(UniformCut { model, error, starts: starts.ranked(), triangle_count, error_stated })
+        Ok(UniformCut { model, error, starts: starts.ranked(), triangle_count, trees })
     }
 
     /// Vertices of the mesh.
@@ -66,15 +66,36 @@ impl<'a> UniformCut<'a> {
         self.triangle_count
     }
 
-    /// The largest switch value, in mesh units, of the nodes that are drawn unsplit: what can be said of the mesh's
-    /// error. At most the error asked for; 0 where everything is split.
-    pub fn error_stated(&self) -> f32 {
-        self.error_stated
+    /// What can be said of the mesh's distance from the input.
+    pub fn statement(&self) -> Result<Statement, ModelError> {
+        let roots = (0..).zip(self.model.roots());
+        let vanished_roots = roots.filter(|(tree, _)| !self.trees.drawn.contains(*tree)).map(|(_, root)| root);
+        let mut vanished = VanishedParts::new(vanished_roots);
+        if vanished.count() > 0 && self.triangle_count > 0 {
+            let mut on_surface = Bits::new(self.starts.len());
+            self.for_each_triangle(|corners| -> Result<(), ModelError> {
+                corners.iter().for_each(|corner| on_surface.insert(*corner as u32));
+                Ok(())
+            })?;
+            for stride in STRIDES {
+                let mut number = 0;
+                self.for_each_vertex(|position| -> Result<(), ModelError> {
+                    if number % stride == 0 && on_surface.contains(number) {
+                        vanished.pass(position);
+                    }
+                    number += 1;
+                    Ok(())
+                })?;
+            }
+        }
+        let largest_switch = self.trees.largest_unsplit();
+        let drawn = Drawn { largest_switch, is_a_state: true, vanished: &vanished };
+        Ok(Statement::new(self.model.header(), drawn))
     }
 
     /// Bytes of RAM that this holds.
     pub fn resident_bytes(&self) -> usize {
-        size_of::<Self>() + self.starts.resident_bytes()
+        size_of::<Self>() + self.starts.resident_bytes() + self.trees.resident_bytes()
     }
 
     /// Hands every vertex's position, in mesh units relative to the model's origin, to `action`, in the order of the
@@ -150,6 +171,52 @@ impl<'a> UniformCut<'a> {
         })
     }
 }
+
+/// What a cut has of each tree.
+#[derive(Debug)]
+struct Trees {
+    /// Those with an active triangle.
+    drawn: Bits,
+    /// For each, the largest switch value of the nodes that are drawn unsplit, once its root is split.
+    unsplit: Vec<f32>,
+    /// The tree that was looked up last: splits of one stand together.
+    last: usize,
+}
+
+impl Trees {
+    fn new(model: &Model) -> Self {
+        let count = model.roots().len();
+        Trees { drawn: Bits::new(count as u32), unsplit: vec![0.0; count], last: 0 }
+    }
+
+    /// A split is applied: the largest switch value of its children that are not split, and whether it bears triangles.
+    fn add(&mut self, model: &Model, born_leaf: u32, unsplit: f32, bears_triangles: bool) {
+        let roots = model.roots();
+        if !roots.get(self.last).is_some_and(|root| root.start <= born_leaf && born_leaf < root.end) {
+            self.last = roots.partition_point(|root| root.start <= born_leaf).saturating_sub(1);
+        }
+        if let Some(largest) = self.unsplit.get_mut(self.last) {
+            *largest = largest.max(unsplit);
+        }
+        if bears_triangles {
+            self.drawn.insert(self.last as u32);
+        }
+    }
+
+    /// The largest switch value of a node that is drawn unsplit, of the trees that are drawn.
+    fn largest_unsplit(&self) -> f32 {
+        let drawn = (0..).zip(&self.unsplit).filter(|(tree, _)| self.drawn.contains(*tree));
+        drawn.map(|(_, switch)| *switch).fold(0.0, f32::max)
+    }
+
+    fn resident_bytes(&self) -> usize {
+        self.drawn.resident_bytes() + self.unsplit.capacity() * size_of::<f32>()
+    }
+}
+
+/// One vertex of so many passes by the parts that have vanished, in turn. Vertices in the order of the leaves come nearer
+/// to a part step by step, and each step is work; with some from everywhere ahead, few are left.
+const STRIDES: [u32; 3] = [1024, 32, 1];
 
 /// What is left to be done while the vertices are handed out in the order of the leaves.
 enum Step {
@@ -270,12 +337,13 @@ pub fn error_for_triangles(model: &Model, triangles: u64) -> Result<f32, ModelEr
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
     use std::path::Path;
     use std::sync::Arc;
 
     use proptest::prelude::*;
     use storage::{FaultyDisk, MemoryDisk};
-    use vdt::tree::{NO_SPLIT, Tree};
+    use vdt::tree::{NO_SPLIT, Root, Split, Tree, length_not_below, rounded_up};
 
     use super::*;
     use crate::header::Blocking;
@@ -285,12 +353,11 @@ mod tests {
     struct Expected {
         vertices: Vec<[f32; 3]>,
         triangles: Vec<[u64; 3]>,
-        error_stated: f32,
+        statement: Statement,
     }
 
     fn expected(tree: &Tree, error: f32) -> Expected {
-        let mut error_stated = 0.0_f32;
-        let mut active = vec![0; tree.leaf_count()];
+        let (mut active, mut unsplit) = (vec![0; tree.leaf_count()], vec![0.0_f32; tree.leaf_count()]);
         for root in &tree.roots {
             for leaf in root.start..root.end {
                 let (mut split, mut start) = (root.split, root.start);
@@ -298,10 +365,8 @@ mod tests {
                     let node = &tree.splits[split as usize];
                     (split, start) = if leaf < split { (node.kept, start) } else { (node.born, split) };
                 }
-                if split != NO_SPLIT {
-                    error_stated = error_stated.max(tree.splits[split as usize].switch);
-                }
                 active[leaf as usize] = start;
+                unsplit[leaf as usize] = tree.splits.get(split as usize).map_or(0.0, |node| node.switch);
             }
         }
         let mut starts = active.clone();
@@ -311,7 +376,44 @@ mod tests {
         let mut triangles: Vec<_> = triangles.filter(|[a, b, c]| a != b && b != c && c != a).collect();
         triangles.sort_unstable();
         let vertices = starts.iter().map(|leaf| tree.positions[*leaf as usize]).collect();
-        Expected { vertices, triangles, error_stated }
+        let statement = said(tree, &starts, &triangles, &unsplit);
+        Expected { vertices, triangles, statement }
+    }
+
+    /// What is to be said of a cut: by all pairs of roots that have vanished and vertices that are drawn.
+    fn said(tree: &Tree, starts: &[u32], triangles: &[[u64; 3]], unsplit: &[f32]) -> Statement {
+        let drawn: BTreeSet<u32> = triangles.iter().flatten().map(|vertex| starts[*vertex as usize]).collect();
+        let is_drawn = |root: &&Root| drawn.range(root.start..root.end).next().is_some();
+        let (present, vanished): (Vec<&Root>, Vec<&Root>) = tree.roots.iter().partition(is_drawn);
+        let switches = present.iter().flat_map(|root| &unsplit[root.start as usize..root.end as usize]);
+        let error_drawn = switches.copied().fold(0.0, f32::max);
+        let of_split = |root: &&Root| {
+            let Split { switch, radius, .. } = tree.splits[root.split as usize];
+            (f64::from(switch) * (1.0 + 2.0_f64.powi(-22)), f64::from(radius))
+        };
+        let reach = |root: &&Root| f64::from(rounded_up(of_split(root).0.min(of_split(root).1)));
+        let diameter = |root: &&Root| of_split(root).0.min(2.0 * of_split(root).1);
+        let at = |leaf: u32| tree.positions[leaf as usize].map(f64::from);
+        let distance = |from: u32, to: u32| {
+            let square: f64 =
+                (0..3).map(|axis| (at(to)[axis] - at(from)[axis]) * (at(to)[axis] - at(from)[axis])).sum();
+            square.sqrt()
+        };
+        let farthest = vanished.iter().map(|root| {
+            let nearest = drawn.iter().map(|vertex| distance(root.start, *vertex)).fold(f64::INFINITY, f64::min);
+            nearest + reach(root)
+        });
+        let farthest = farthest.fold(0.0, f64::max);
+        let vanished_distance = farthest.is_finite().then(|| length_not_below(farthest));
+        let largest_switch = tree.roots.iter().map(|root| tree.splits[root.split as usize].switch).fold(0.0, f32::max);
+        Statement {
+            error_stated: vanished_distance.map_or(largest_switch, |distance| distance.max(error_drawn)),
+            guaranteed: vanished_distance.is_some(),
+            error_drawn,
+            vanished_parts: vanished.len() as u32,
+            vanished_diameter: length_not_below(vanished.iter().map(diameter).fold(0.0, f64::max)),
+            vanished_distance,
+        }
     }
 
     fn check(tree: &Tree, model: &Model, error: f32) -> Result<(), TestCaseError> {
@@ -319,7 +421,7 @@ mod tests {
         let cut = UniformCut::new(model, error).unwrap();
         prop_assert_eq!(cut.vertex_count(), expected.vertices.len() as u64);
         prop_assert_eq!(cut.triangle_count(), expected.triangles.len() as u64);
-        prop_assert_eq!(cut.error_stated(), expected.error_stated);
+        prop_assert_eq!(cut.statement().unwrap(), expected.statement);
         let mut vertices = Vec::new();
         cut.for_each_vertex(|position| {
             vertices.push(position);
@@ -384,7 +486,9 @@ mod tests {
     fn an_empty_model_has_an_empty_cut() {
         let model = model(&Tree::default(), Blocking::default());
         let cut = UniformCut::new(&model, 0.0).unwrap();
-        assert_eq!((cut.vertex_count(), cut.triangle_count(), cut.error_stated()), (0, 0, 0.0));
+        assert_eq!((cut.vertex_count(), cut.triangle_count()), (0, 0));
+        let said = cut.statement().unwrap();
+        assert_eq!((said.error_stated, said.guaranteed, said.vanished_parts), (0.0, true, 0));
         cut.for_each_vertex(|_| -> Result<(), ModelError> { panic!("a vertex") }).unwrap();
         cut.for_each_triangle(|_| -> Result<(), ModelError> { panic!("a triangle") }).unwrap();
         assert_eq!(error_for_triangles(&model, 0).unwrap(), 0.0);

@@ -10,6 +10,8 @@
 //! | [`model`] | a model file open for reading | |
 //! | [`mod@verify`] | checks a whole model file, believing nothing | design, 6 |
 //! | [`cut`] | uniform cuts, streaming: the mesh of one error | the paper, 3.3.1 |
+//! | [`statement`] | what can be said of a surface drawn: how far the input is from it | design, 1 |
+//! | [`vanished`] | parts that are not drawn at all, and how far from the surface they are | |
 //! | [`mod@statistics`] | how full the pages are, how long the paths, where the bytes go | |
 //!
 //! The bytes of the file are documented in `docs/format.md`.
@@ -21,12 +23,15 @@ pub mod header;
 mod leaf_order;
 pub mod model;
 pub mod page;
+pub mod statement;
 pub mod statistics;
+pub mod vanished;
 pub mod verify;
 mod walk;
 pub mod write;
 
 pub use cut::{UniformCut, error_for_triangles};
+pub use statement::Statement;
 pub use statistics::{ModelStatistics, statistics};
 pub use verify::{VerifyError, VerifyReport, verify};
 pub use write::{ModelOptions, ModelSummary, WriteError, WriteResources, write_model};

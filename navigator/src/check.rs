@@ -9,7 +9,7 @@ use crate::navigator::Navigator;
 ///
 /// - the leaf intervals of the active nodes partition the leaves, and those of two children their parent's;
 /// - each corner of a triangle is under its node, the three nodes are distinct, and it is once in each one's star;
-/// - the triangles are those that the applied splits bear, each once;
+/// - the triangles are those that the applied splits bear, each once; they are counted by their trees;
 /// - with implicit dependency, the lives of the corners of each triangle overlap pairwise;
 /// - the usage count of each place holder is the number of applied splits of its page; the pool's own counts and lists
 ///   fit to each other.
@@ -111,6 +111,17 @@ fn check_births(navigator: &Navigator) -> Result<(), String> {
     let mut drawn: Vec<_> = front.triangles().map(|(leaves, _)| leaves).collect();
     born.sort_unstable();
     drawn.sort_unstable();
+    let mut by_tree = vec![0; navigator.model().roots().len()];
+    drawn.iter().for_each(|leaves| by_tree[front.tree_of(leaves[0])] += 1);
+    for (tree, triangles) in by_tree.iter().enumerate() {
+        if front.tree_triangles(tree) != *triangles {
+            return Err(format!("tree {tree} has {triangles} triangles, {} counted", front.tree_triangles(tree)));
+        }
+    }
+    let vanished = by_tree.iter().filter(|triangles| **triangles == 0).count();
+    if front.vanished_trees() != vanished {
+        return Err(format!("{vanished} trees have no triangle, {} counted", front.vanished_trees()));
+    }
     if born != drawn {
         return Err(format!("{} triangles are drawn, the applied splits bear {}", drawn.len(), born.len()));
     }

@@ -15,7 +15,8 @@
 //! All arrays are allocated once and never grow. Nothing that comes from a page is trusted: what does not fit is a
 //! [`Misfit`], found before anything is changed.
 //!
-//! Memory: 64 bytes for each node, of which a front with n active nodes has about 2 n; 36 for each triangle.
+//! Memory: 64 bytes for each node, of which a front with n active nodes has about 2 n; 36 for each triangle; 4 for each
+//! tree.
 
 use metanode::header::ModelRoot;
 use metanode::page::{ChildEntry, NormalCone, Page, Record, Target};
@@ -31,6 +32,8 @@ pub const NEVER: u32 = u32::MAX;
 pub const NODE_BYTES: usize = size_of::<Shape>() + size_of::<Links>();
 /// Bytes that an active triangle takes.
 pub const TRIANGLE_BYTES: usize = size_of::<Triangle>();
+/// Bytes that a tree takes.
+pub const TREE_BYTES: usize = size_of::<u32>();
 /// Most triangles a front can hold: corners are numbered in 32 bits.
 pub const TRIANGLE_LIMIT: usize = 1 << 30;
 
@@ -123,6 +126,10 @@ pub struct Front {
     triangle_capacity: usize,
     free_triangle: u32,
     triangle_count: usize,
+    /// Active triangles of each tree.
+    tree_triangles: Vec<u32>,
+    /// Trees that have none.
+    vanished_trees: usize,
     root_count: u32,
     leaf_count: u32,
     /// The nodes of the third corners of the triangles that the prepared split bears.
@@ -150,6 +157,8 @@ impl Front {
             triangle_capacity,
             free_triangle: NONE,
             triangle_count: 0,
+            tree_triangles: vec![0; roots.len()],
+            vanished_trees: roots.len(),
             root_count: roots.len() as u32,
             leaf_count,
             thirds: Vec::with_capacity(born_capacity),
@@ -199,6 +208,33 @@ impl Front {
     /// Active triangles.
     pub fn triangle_count(&self) -> usize {
         self.triangle_count
+    }
+
+    /// Active triangles of a tree, by the number of its root.
+    pub fn tree_triangles(&self, tree: usize) -> u32 {
+        self.tree_triangles.get(tree).copied().unwrap_or(0)
+    }
+
+    /// Trees without an active triangle.
+    pub fn vanished_trees(&self) -> usize {
+        self.vanished_trees
+    }
+
+    /// The number of the tree that a leaf is in.
+    pub fn tree_of(&self, leaf: u32) -> usize {
+        // The roots are the first nodes, in the order of their leaves.
+        let after = self.links[..self.root_count as usize].partition_point(|root| root.start <= leaf);
+        after.saturating_sub(1)
+    }
+
+    /// Counts triangles that the tree of a leaf has more, and fewer.
+    fn count_in_tree(&mut self, leaf: u32, more: u32, fewer: u32) {
+        let tree = self.tree_of(leaf);
+        if let Some(count) = self.tree_triangles.get_mut(tree) {
+            let before = std::mem::replace(count, *count + more - fewer);
+            self.vanished_trees -= usize::from(before == 0);
+            self.vanished_trees += usize::from(*count == 0);
+        }
     }
 
     /// Whether another split, with so many born triangles, fits.
@@ -357,11 +393,8 @@ impl Front {
         let mut node = near;
         while !holds(node) {
             node = match self.links[node as usize].parent {
-                // The roots are the first nodes, in the order of their leaves.
-                NONE => {
-                    let after = self.links[..self.root_count as usize].partition_point(|root| root.start <= leaf);
-                    after.saturating_sub(1) as u32
-                }
+                // The roots are the first nodes.
+                NONE => self.tree_of(leaf) as u32,
                 parent => parent,
             };
         }
@@ -464,6 +497,7 @@ impl Front {
             born_star = corner | born_place;
             self.links[third as usize].first = corner | third_place;
         }
+        self.count_in_tree(start, page.triangles(index).len() as u32, 0);
         self.links[kept as usize].first = kept_star;
         self.links[born as usize].first = born_star;
 
@@ -522,7 +556,7 @@ impl Front {
             }
             corner = next;
         }
-        let mut corner = self.links[born as usize].first;
+        let (mut corner, mut dead) = (self.links[born as usize].first, 0);
         while corner != NONE {
             let (index, place) = (corner >> 2, (corner & 3) as usize);
             let triangle = &mut self.triangles[index as usize];
@@ -533,6 +567,7 @@ impl Front {
                     self.unlink(index << 2 | third as u32);
                 }
                 self.free_triangle(index);
+                dead += 1;
             } else {
                 triangle.nodes[place] = node;
                 triangle.next[place] = star;
@@ -540,6 +575,7 @@ impl Front {
             }
             corner = next;
         }
+        self.count_in_tree(self.links[node as usize].start, 0, dead);
         self.free_node(born);
         self.free_node(kept);
         self.links[node as usize].first = star;

@@ -27,8 +27,14 @@ pub struct FrameStatistics {
     pub over_budget: u64,
     /// By how much the pixel threshold is raised at the moment because of such limits.
     pub threshold_factor: f32,
-    /// Largest error of an active node that can be in the picture, in mesh units; by the model's switch values.
+    /// Largest error of an active node that can be in the picture, in mesh units: its switch value and the input error. So
+    /// far at most are the points of the input from a triangle that stands for them, whose corners can all be in the
+    /// picture.
     pub error_stated: f32,
+    /// Whether that is proven; see [`metanode::statement`].
+    pub guaranteed: bool,
+    /// Parts (trees, that is components) that no triangle is drawn of. The error says nothing of them.
+    pub vanished_parts: u64,
     /// Place holders whose page is in use after the frame.
     pub pages_in_use: u64,
     /// Wall time of the frame, in milliseconds.
@@ -67,6 +73,8 @@ pub struct FlightSummary {
     requests: u64,
     cpu_ms: f64,
     frame_ms: Vec<f64>,
+    /// Frames whose stated error is proven.
+    guaranteed: u64,
     /// Pages read from disk.
     pub reads: u64,
     /// Their bytes in the file.
@@ -77,8 +85,10 @@ pub struct FlightSummary {
     pub urgent: u64,
     /// Prefetches given up for want of a free place holder.
     pub prefetch_given_up: u64,
-    /// Largest error that was in a picture, in mesh units; by the model's switch values.
+    /// Largest error that was in a picture, in mesh units; see [`FrameStatistics::error_stated`].
     pub error_stated: f32,
+    /// The most parts that no triangle was drawn of, in one frame.
+    pub vanished_parts: u64,
     /// Largest factor by which limits raised the pixel threshold.
     pub threshold_factor: f32,
 }
@@ -98,6 +108,8 @@ impl FlightSummary {
         self.urgent += frame.urgent;
         self.prefetch_given_up += frame.prefetch_given_up;
         self.error_stated = self.error_stated.max(frame.error_stated);
+        self.guaranteed += u64::from(frame.guaranteed);
+        self.vanished_parts = self.vanished_parts.max(frame.vanished_parts);
         self.threshold_factor = self.threshold_factor.max(frame.threshold_factor);
     }
 
@@ -139,10 +151,9 @@ impl FlightSummary {
         times.get(rank.saturating_sub(1)).or(times.last()).copied().unwrap_or(0.0)
     }
 
-    /// Whether the stated error is a proven bound. The switch values of this version of the format are the metric's
-    /// estimates, so it is not.
+    /// Whether the stated error is a proven bound in every frame.
     pub fn guaranteed(&self) -> bool {
-        false
+        self.guaranteed == self.frames()
     }
 
     fn mean(&self, sum: f64) -> f64 {
@@ -167,6 +178,8 @@ mod tests {
                 requests: 4,
                 frame_ms: (100 - frame) as f64,
                 error_stated: frame as f32,
+                guaranteed: frame > 0,
+                vanished_parts: 7 - frame.min(7),
                 ..FrameStatistics::default()
             });
         }
@@ -177,6 +190,7 @@ mod tests {
         assert_eq!(summary.frame_ms_percentile(50.0), 50.0);
         assert_eq!(summary.frame_ms_percentile(99.0), 99.0);
         assert_eq!(summary.frame_ms_mean(), 50.5);
-        assert_eq!(summary.error_stated, 99.0);
+        assert_eq!((summary.error_stated, summary.vanished_parts), (99.0, 7));
+        assert!(!summary.guaranteed());
     }
 }

@@ -142,7 +142,7 @@ fn read_csv(text: &str) -> (Vec<String>, Vec<Vec<f64>>) {
     (columns, rows)
 }
 
-const CSV_COLUMNS: [&str; 20] = [
+const CSV_COLUMNS: [&str; 22] = [
     "frame",
     "triangles",
     "vertices",
@@ -155,6 +155,8 @@ const CSV_COLUMNS: [&str; 20] = [
     "over_budget",
     "threshold_factor",
     "error_stated",
+    "guaranteed",
+    "vanished_parts",
     "pages_in_use",
     "reads",
     "bytes_read",

@@ -383,9 +383,14 @@ proptest! {
                 Ok(())
             }).unwrap();
             triangles.sort_unstable();
-            prop_assert_eq!(triangles, expected);
-            let unsplit = nodes.iter().filter_map(|node| tree.splits.get(node.split as usize));
-            prop_assert_eq!(cut.error_stated(), unsplit.map(|split| split.switch).fold(0.0, f32::max));
+            prop_assert_eq!(&triangles, &expected);
+            let said = cut.statement().unwrap();
+            let tree_of = |leaf: u32| tree.roots.partition_point(|root| root.start <= leaf);
+            let drawn: HashSet<usize> = expected.iter().map(|starts| tree_of(starts[0])).collect();
+            prop_assert_eq!(said.vanished_parts as usize, tree.roots.len() - drawn.len());
+            let unsplit = nodes.iter().filter(|node| drawn.contains(&tree_of(node.start)));
+            let unsplit = unsplit.filter_map(|node| tree.splits.get(node.split as usize)).map(|split| split.switch);
+            prop_assert_eq!(said.error_drawn, unsplit.fold(0.0, f32::max));
         }
         for limit in limits {
             let count = |error: f32| cut::triangles(tree, &brute_force(error)).len() as u64;

@@ -27,8 +27,17 @@ const BUILD_KEYS: [&str; 15] = [
     "model_bytes",
     "model_sha256",
 ];
-const EXTRACT_KEYS: [&str; 4] = ["triangles", "vertices", "error_stated", "guaranteed"];
-const NAVIGATE_KEYS: [&str; 16] = [
+const EXTRACT_KEYS: [&str; 8] = [
+    "triangles",
+    "vertices",
+    "error_stated",
+    "guaranteed",
+    "error_drawn",
+    "vanished_parts",
+    "vanished_diameter",
+    "input_error",
+];
+const NAVIGATE_KEYS: [&str; 18] = [
     "frames",
     "triangles_mean",
     "adapts_mean",
@@ -39,6 +48,8 @@ const NAVIGATE_KEYS: [&str; 16] = [
     "cpu_ms_mean",
     "error_stated",
     "guaranteed",
+    "vanished_parts_max",
+    "input_error",
     "reads",
     "bytes_read",
     "second_chances",
@@ -109,7 +120,7 @@ fn the_whole_way(place: &Workplace, mesh: &RawMesh, components: usize) {
     };
     let (whole, said) = extract("--error 0");
     assert!(surface(&whole) == expected && whole.triangles.len() == expected.len());
-    assert_eq!((&said["guaranteed"], &said["error_stated"]), (&true.into(), &0.0.into()));
+    assert_eq!((&said["guaranteed"], &said["error_stated"]), (&true.into(), &built["input_error"]));
     let (coarse, _) = extract("--error 1%");
     assert!(coarse.triangles.len() <= expected.len());
     // The last parts vanish at their diameter, as single precision has it.

@@ -67,6 +67,18 @@ proptest! {
         check(&tree).unwrap();
         prop_assert_eq!(tree.roots.len(), components);
         prop_assert_eq!(tree.triangles.corners.len(), core.triangles.len());
+        for root in &tree.roots {
+            // What is said of parts that vanish rests on it.
+            let most = f64::from(tree.splits[root.split as usize].switch) * (1.0 + 2.0_f64.powi(-22));
+            let leaves = tree.positions[root.start as usize..root.end as usize].iter().map(|leaf| leaf.map(f64::from));
+            let leaves: Vec<[f64; 3]> = leaves.collect();
+            for (number, one) in leaves.iter().enumerate() {
+                for other in &leaves[..number] {
+                    let square: f64 = (0..3).map(|axis| (one[axis] - other[axis]).powi(2)).sum();
+                    prop_assert!(square.sqrt() <= most, "{one:?} and {other:?} in a tree that vanishes at {most}");
+                }
+            }
+        }
     }
 
     /// In the order of the ids, by (switch value as stored, build order), every collapse finds the very triangles that it

@@ -194,7 +194,8 @@ pub struct Split {
     /// Dependency id of the node: leaves have 0..n, inner nodes n + their rank by (switch value, build order), so
     /// ids rise from child to parent and respect all neighbouring collapses (the paper, 3.3.5). Unique.
     pub id: u32,
-    /// Switch value: the error, in mesh units, of drawing the node unsplit. Positive; never falls from child to parent.
+    /// Switch value: the error, in mesh units, of drawing the node unsplit. Positive; never falls from child to parent. That
+    /// of a root is no less than the diameter of its component, rounded to single precision: there the component vanishes.
     pub switch: f32,
     /// Radius of a sphere about the node's position that holds all leaf positions under it, in mesh units. Nested:
     /// the sphere also holds the children's spheres.
