@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context, Result};
-use metanode::header::{Blocking, Metric, Strategy};
+use metanode::header::{Blocking, ErrorBound, Metric, Strategy};
 use metanode::{ModelOptions, WriteResources, write_model};
 use storage::{ByteSize, EdgeTreeKind, LocalDisk};
 use vdt::build::{BuildOptions, build};
@@ -21,13 +21,15 @@ fn main() -> Result<()> {
         threads: 1,
         metric: Metric::Quadric,
         strategy: Strategy::Passes,
+        error_bound: ErrorBound::default(),
         edge_tree: EdgeTreeKind::default(),
     };
     let (tree, report) = build(&LocalDisk, &[mesh], &options, &storage::Scratch::in_memory(), None, &mut |step| {
         eprint!("\r{:?} {:.0} %   ", step.phase, 100.0 * step.share);
     })?;
 
-    let options = ModelOptions { blocking: Blocking::default(), metric: options.metric, strategy: options.strategy };
+    let BuildOptions { metric, strategy, error_bound, .. } = options;
+    let options = ModelOptions { blocking: Blocking::default(), metric, strategy, error_bound };
     let resources = WriteResources::in_memory();
     let summary = write_model(Arc::new(LocalDisk), &model, &tree, &options, &resources, &mut |_| ())?;
     println!("\n{} collapses, {} meta-nodes, {} bytes", report.legal_collapses, summary.pages, summary.bytes);

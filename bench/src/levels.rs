@@ -14,23 +14,23 @@ use metanode::model::Model;
 use metanode::{ModelOptions, UniformCut, WriteResources, error_for_triangles, write_model};
 use storage::{ByteSize, Disk, EdgeTreeKind, LocalDisk, MemoryDisk, Scratch};
 use vdt::build::{BuildOptions, build};
-use vdt::tree::{Metric, Strategy};
+use vdt::tree::{ErrorBound, Metric, Strategy};
 
 use crate::surface::Mesh;
 
 /// More than any mesh takes that a bench would be run on.
 const MEMORY: ByteSize = ByteSize(1 << 40);
 
-/// Builds the model of a mesh file in RAM, with the quadric metric.
+/// Builds the model of a mesh file in RAM, with the quadric metric and the default bound.
 pub fn build_model(mesh: &Path, strategy: Strategy) -> Result<Model> {
-    let metric = Metric::Quadric;
+    let (metric, error_bound) = (Metric::Quadric, ErrorBound::default());
     let edge_tree = EdgeTreeKind::default();
-    let options = BuildOptions { memory: MEMORY, threads: 1, metric, strategy, edge_tree };
+    let options = BuildOptions { memory: MEMORY, threads: 1, metric, strategy, error_bound, edge_tree };
     let paths = [mesh.to_path_buf()];
     let (tree, _) = build(&LocalDisk, &paths, &options, &Scratch::in_memory(), None, &mut |_| ())?;
     let disk: Arc<dyn Disk> = Arc::new(MemoryDisk::new());
     let path = PathBuf::from("model.vdt");
-    let model_options = ModelOptions { blocking: Blocking::default(), metric, strategy };
+    let model_options = ModelOptions { blocking: Blocking::default(), metric, strategy, error_bound };
     write_model(disk.clone(), &path, &tree, &model_options, &WriteResources::in_memory(), &mut |_| ())?;
     Ok(Model::open(disk.as_ref(), &path)?)
 }

@@ -9,7 +9,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use metanode::blocking::{ParseBlockingError, check_parameters};
-use metanode::header::{Blocking, Metric, Strategy};
+use metanode::header::{Blocking, ErrorBound, Metric, Strategy};
 use navigator::PathSpec;
 use storage::{ByteSize, EdgeTreeKind};
 use vdt::generate::{Shape, TRIANGLES};
@@ -108,6 +108,7 @@ pub struct GenerateOptions {
 #[command(after_long_help = "Examples:\n  vdt build bunny.ply -o bunny.vdt\n  \
                              vdt build scan.obj -o scan.vdt --memory 2G\n  \
                              vdt build part1.stl part2.stl -o both.vdt --metric length --strategy btree\n  \
+                             vdt build scan.obj -o scan.vdt --error-bound tight\n  \
                              vdt build huge.ply --dry-run")]
 pub struct BuildOptions {
     /// Mesh files; several are taken as one mesh.
@@ -132,6 +133,10 @@ pub struct BuildOptions {
     /// the paper's, always the shortest edge.
     #[arg(long, default_value_t = Strategy::Passes, value_parser = one_of(&Strategy::ALL))]
     pub strategy: Strategy,
+    /// What the errors of the model are: default, proven bounds on the distance from any point of the mesh to the surface
+    /// drawn; fast, the same, looser and built faster; tight, tighter and slower; or none, the metric's estimates.
+    #[arg(long, default_value_t, value_parser = one_of(&ErrorBound::ALL))]
+    pub error_bound: ErrorBound,
     /// The B-tree of edges on disk for btree: redb, or sled where the memory is what sled was measured to need.
     #[arg(long, default_value_t, value_parser = one_of(&EdgeTreeKind::ALL))]
     pub edge_tree: EdgeTreeKind,
@@ -498,6 +503,9 @@ pub struct Table1Options {
     /// What a collapse costs, as for build.
     #[arg(long, default_value_t = Metric::Quadric, value_parser = one_of(&Metric::ALL))]
     pub metric: Metric,
+    /// What the errors of the models are, as for build.
+    #[arg(long, default_value_t, value_parser = one_of(&ErrorBound::ALL))]
+    pub error_bound: ErrorBound,
     /// How often each mesh is built; the run with the least CPU time counts.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub runs: u32,
@@ -527,6 +535,9 @@ pub struct IoBenchOptions {
     /// btree:sled, each a curve.
     #[arg(long, value_delimiter = ',', default_value = "passes,btree:redb,btree:sled")]
     pub strategy: Vec<StrategyChoice>,
+    /// What the errors of the models are, as for build.
+    #[arg(long, default_value_t, value_parser = one_of(&ErrorBound::ALL))]
+    pub error_bound: ErrorBound,
     /// How many threads may work. [default: as many as the machine runs at once]
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
     pub threads: Option<u16>,

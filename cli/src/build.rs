@@ -27,6 +27,7 @@ pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
         threads: options.threads.map_or_else(available_threads, usize::from),
         metric: options.metric,
         strategy: options.strategy,
+        error_bound: options.error_bound,
         edge_tree: options.edge_tree,
     };
     let Some(output) = options.output.as_deref().filter(|_| !options.dry_run) else {
@@ -48,7 +49,8 @@ pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
     let (tree, report) =
         build(&disk, &options.meshes, &build_options, &scratch, resumed, &mut |step| progress.show(step))?;
     let watch = PhaseWatch::start();
-    let model_options = ModelOptions { blocking: options.blocking, metric: options.metric, strategy: options.strategy };
+    let BuildOptions { metric, strategy, error_bound, .. } = build_options;
+    let model_options = ModelOptions { blocking: options.blocking, metric, strategy, error_bound };
     let (vertices, triangles, roots) = (tree.leaf_count(), tree.triangles.len(), tree.roots.len() as u64);
     let resources = WriteResources { scratch: scratch.clone(), memory: options.memory, threads: build_options.threads };
     let model = write_model(Arc::new(disk.clone()), output, &tree, &model_options, &resources, &mut |share| {
@@ -201,6 +203,7 @@ impl Done {
             "threads": options.threads,
             "metric": options.metric.to_string(),
             "strategy": options.strategy.to_string(),
+            "error_bound": options.error_bound.to_string(),
             "edge_tree": (options.strategy == Strategy::Btree).then(|| options.edge_tree.to_string()),
             "spanned": build.spanned.map(|spanned| json!({
                 "tree_bytes_read": spanned.tree.read,
@@ -304,13 +307,14 @@ fn scratch_folder(asked_for: Option<&Path>, output: &Path) -> Result<PathBuf> {
 /// What a checkpoint depends on: the files, as far as their size and time tell, and the options.
 fn fingerprint(options: &arguments::BuildOptions, build: &BuildOptions) -> Result<String> {
     let mut text = format!(
-        "vdt {} memory {} threads {} metric {} strategy {} {}",
+        "vdt {} memory {} threads {} metric {} strategy {} {} error bound {}",
         env!("CARGO_PKG_VERSION"),
         build.memory.0,
         build.threads,
         build.metric,
         build.strategy,
-        build.edge_tree
+        build.edge_tree,
+        build.error_bound
     );
     for mesh in &options.meshes {
         let path = std::path::absolute(mesh).with_context(|| format!("{}: where is that?", mesh.display()))?;

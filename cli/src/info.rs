@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::Result;
-use metanode::header::{Header, MAGIC};
+use metanode::header::{ErrorBound, Header, MAGIC};
 use metanode::model::Model;
 use metanode::statistics;
 use serde_json::json;
@@ -24,7 +24,7 @@ fn model_info(path: &Path, json: bool) -> Result<()> {
     let header: &Header = model.header();
     let figures = statistics(&model)?;
     let (metric, strategy) = (header.metric.to_string(), header.strategy.to_string());
-    let blocking = header.blocking.to_string();
+    let (error_bound, blocking) = (header.error_bound.to_string(), header.blocking.to_string());
     let corner =
         |values: [f32; 3]| -> [f64; 3] { std::array::from_fn(|axis| f64::from(values[axis]) + header.origin[axis]) };
     let (minimum, maximum) = (corner(header.minimum), corner(header.maximum));
@@ -47,10 +47,11 @@ fn model_info(path: &Path, json: bool) -> Result<()> {
         report.line("origin", format!("{:?} is added to every position", header.origin));
     }
     report.line("built", format!("metric {metric}, strategy {strategy}, blocking {blocking}, lossless positions"));
-    report.line(
-        "errors",
-        format!("up to {}: the metric's estimates, not certified bounds", length(header.largest_switch.into())),
-    );
+    let errors = match header.error_bound {
+        ErrorBound::None => "the metric's estimates, not certified bounds".into(),
+        _ => format!("certified bounds, error bound {error_bound}"),
+    };
+    report.line("errors", format!("up to {}: {errors}", length(header.largest_switch.into())));
     report.line(
         "meta-nodes",
         format!(
@@ -96,7 +97,8 @@ fn model_info(path: &Path, json: bool) -> Result<()> {
             "blocking": blocking,
             "positions": "lossless",
             "largest_error": header.largest_switch,
-            "errors_certified": false,
+            "error_bound": error_bound,
+            "errors_certified": header.error_bound.is_certified(),
             "meta_nodes": header.page_count,
             "root_meta_nodes": header.root_page_count,
             "meta_node_levels": header.page_levels,

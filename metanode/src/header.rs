@@ -3,7 +3,7 @@
 //! ```text
 //! offset  bytes  header (256 bytes)
 //!      0      8  magic "VDTMODEL"
-//!      8      4  version of the format: 1
+//!      8      4  version of the format: 2
 //!     12      4  feature flags: 0; a reader refuses flags that it does not know
 //!     16      4  bytes of this header: 256
 //!     20      4  leaves (vertices)
@@ -20,7 +20,7 @@
 //!    104      4  largest switch value, f32
 //!    108      4  metric: 0 quadric, 1 length
 //!    112      4  strategy: 0 passes (frozen-batch rounds), 1 btree (the paper's priority queue)
-//!    116      4  what the switch values are: 0 the metric's error, monotone
+//!    116      4  what the switch values are: 0 the metric's error, 1, 2, 3 the certified bound fast, default, tight
 //!    120      4  blocking: 0 forest, 1 levels
 //!    124      4  blocking parameter: forest: slot bytes asked for; levels: levels of a meta-node
 //!    128      4  blocking parameter: forest: most child pages of a page; levels: 0
@@ -42,14 +42,14 @@ use std::path::{Path, PathBuf};
 use storage::StorageError;
 use thiserror::Error;
 use vdt::tree::NormalCone;
-pub use vdt::tree::{Metric, Strategy};
+pub use vdt::tree::{ErrorBound, Metric, Strategy};
 
 use crate::page::{PageError, PageLocation};
 
 /// The first eight bytes of every model file.
 pub const MAGIC: [u8; 8] = *b"VDTMODEL";
 /// The version of the format that this library writes, and the only one that it reads.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// Bytes of the header.
 pub const HEADER_BYTES: usize = 256;
 /// Words of one root.
@@ -170,6 +170,8 @@ pub struct Header {
     pub metric: Metric,
     /// The order of the collapses.
     pub strategy: Strategy,
+    /// What the switch values are.
+    pub error_bound: ErrorBound,
     /// The blocking.
     pub blocking: Blocking,
     /// Byte offset of the root table.
@@ -214,7 +216,13 @@ impl Header {
         bytes.extend(self.largest_switch.to_le_bytes());
         let metric = u32::from(self.metric == Metric::Length);
         let strategy = u32::from(self.strategy == Strategy::Btree);
-        for word in [metric, strategy, 0, blocking, first_parameter, second_parameter] {
+        let error_bound = match self.error_bound {
+            ErrorBound::None => 0,
+            ErrorBound::Fast => 1,
+            ErrorBound::Default => 2,
+            ErrorBound::Tight => 3,
+        };
+        for word in [metric, strategy, error_bound, blocking, first_parameter, second_parameter] {
             bytes.extend(word.to_le_bytes());
         }
         for word in [self.roots_offset, self.pages_offset, self.file_length] {
@@ -274,6 +282,13 @@ impl Header {
                 1 => Strategy::Btree,
                 other => return Err(damaged(format!("strategy {other}"))),
             },
+            error_bound: match word(116) {
+                0 => ErrorBound::None,
+                1 => ErrorBound::Fast,
+                2 => ErrorBound::Default,
+                3 => ErrorBound::Tight,
+                other => return Err(damaged(format!("error bound {other}"))),
+            },
             blocking: match word(120) {
                 0 => Blocking::Forest { slot_bytes: word(124), fan_out: word(128) },
                 1 => Blocking::Levels { levels: word(124) },
@@ -284,7 +299,7 @@ impl Header {
             file_length: long(148),
         };
         header.check().map_err(damaged)?;
-        // Everything that version 1 does not use is zero.
+        // Everything that version 2 does not use is zero.
         if header.to_bytes() != *bytes {
             return Err(damaged("a field that must be 0 (or, at byte 16, 256) is not".into()));
         }
@@ -427,6 +442,7 @@ mod tests {
             largest_switch: 4.0,
             metric: Metric::Length,
             strategy: Strategy::Btree,
+            error_bound: ErrorBound::Fast,
             blocking: Blocking::Forest { slot_bytes: 4096, fan_out: 4 },
             roots_offset: 256,
             pages_offset: 256 + 2 * 60 + 16 + 4,
@@ -453,6 +469,10 @@ mod tests {
         assert_eq!(Header::from_bytes(Path::new("m.vdt"), &header.to_bytes()).unwrap(), header);
         let header = Header { blocking: Blocking::Levels { levels: 6 }, metric: Metric::Quadric, ..header };
         assert_eq!(Header::from_bytes(Path::new("m.vdt"), &header.to_bytes()).unwrap(), header);
+        for error_bound in ErrorBound::ALL {
+            let header = Header { error_bound, ..header };
+            assert_eq!(Header::from_bytes(Path::new("m.vdt"), &header.to_bytes()).unwrap(), header);
+        }
         assert!((some_header().diagonal() - 56_f64.sqrt()).abs() < 1e-12);
     }
 
@@ -462,12 +482,12 @@ mod tests {
         assert!(message(b"ply\nformat ascii 1.0").contains("not a vdt model"));
         assert!(message(b"VDTMOD").contains("not a vdt model"));
         assert!(message(&some_header().to_bytes()[..100]).contains("100 of 256 bytes"));
-        assert!(message(&with_word(8, 2)).contains("format version 2, this program reads version 1"));
+        assert!(message(&with_word(8, 1)).contains("format version 1, this program reads version 2"));
         assert!(message(&with_word(12, 4)).contains("flags 0x4"));
-        for (offset, word) in [(16, 260), (116, 1), (160, 1), (248, 7)] {
+        for (offset, word) in [(16, 260), (160, 1), (248, 7)] {
             assert!(message(&with_word(offset, word)).contains("must be 0"), "{offset}");
         }
-        for (offset, what) in [(108, "metric 9"), (112, "strategy 9"), (120, "blocking 9")] {
+        for (offset, what) in [(108, "metric 9"), (112, "strategy 9"), (116, "error bound 9"), (120, "blocking 9")] {
             assert!(message(&with_word(offset, 9)).contains(what));
         }
     }

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use storage::{Disk, MemoryDisk};
 use vdt::tree::{BornTriangles, NO_SPLIT, NormalCone, Root, Split, StoredTree, Tree};
 
-use crate::header::{Blocking, Metric, Strategy};
+use crate::header::{Blocking, ErrorBound, Metric, Strategy};
 use crate::model::Model;
 use crate::page::{ChildEntry, Page, Target};
 use crate::write::{ModelOptions, ModelSummary, WriteResources, write_model};
@@ -245,7 +245,7 @@ fn number(random: &mut Random, plan: &TreePlan, nodes: &[Node], node_roots: &[u3
 
 /// The options of the tests, with this blocking.
 pub(crate) fn options(blocking: Blocking) -> ModelOptions {
-    ModelOptions { blocking, metric: Metric::Quadric, strategy: Strategy::Passes }
+    ModelOptions { blocking, metric: Metric::Quadric, strategy: Strategy::Passes, error_bound: ErrorBound::Fast }
 }
 
 /// The bytes of a model file.

@@ -23,7 +23,7 @@ use thiserror::Error;
 use vdt::tree::StoredTree;
 
 use crate::blocking::{self, BlockingError, Filler};
-use crate::header::{Blocking, Header, LARGEST_SLOT_BYTES, Metric, Strategy};
+use crate::header::{Blocking, ErrorBound, Header, LARGEST_SLOT_BYTES, Metric, Strategy};
 use crate::leaf_order::{Subtree, check_place};
 use crate::page::NONE_32;
 use encode::Bounds;
@@ -34,10 +34,12 @@ use layout::Layout;
 pub struct ModelOptions {
     /// How the tree is cut into pages.
     pub blocking: Blocking,
-    /// The metric that gave the switch values.
+    /// The metric that ordered the collapses.
     pub metric: Metric,
-    /// How the collapses were ordered.
+    /// How the order of the collapses was found.
     pub strategy: Strategy,
+    /// What the switch values are.
+    pub error_bound: ErrorBound,
 }
 
 /// Why a model was not written. No file is left, or the one that was there before.
@@ -194,6 +196,7 @@ pub fn write_model(
         largest_switch: layout.roots.iter().map(|root| root.switch).fold(0.0, f32::max),
         metric: options.metric,
         strategy: options.strategy,
+        error_bound: options.error_bound,
         blocking: options.blocking,
         roots_offset: crate::header::HEADER_BYTES as u64,
         pages_offset: layout.pages_offset,

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::Vec3;
-use metanode::header::{Blocking, Metric, Strategy};
+use metanode::header::{Blocking, ErrorBound, Metric, Strategy};
 use metanode::model::Model;
 use metanode::write::{ModelOptions, WriteResources, write_model};
 use storage::{Disk, MemoryDisk};
@@ -391,7 +391,8 @@ pub const SMALL_PAGES: Blocking = Blocking::Forest { slot_bytes: 4096, fan_out: 
 /// A disk with the tree's model file, `model.vdt`.
 pub fn disk_of(tree: &Tree, blocking: Blocking) -> MemoryDisk {
     let disk = MemoryDisk::new();
-    let options = ModelOptions { blocking, metric: Metric::Length, strategy: Strategy::Btree };
+    let (metric, strategy, error_bound) = (Metric::Length, Strategy::Btree, ErrorBound::None);
+    let options = ModelOptions { blocking, metric, strategy, error_bound };
     let shared: Arc<dyn Disk> = Arc::new(disk.clone());
     let (tree, resources) = (StoredTree::from_tree(tree.clone()), WriteResources::in_memory());
     write_model(shared, Path::new("model.vdt"), &tree, &options, &resources, &mut |_| ()).unwrap();

@@ -4,7 +4,7 @@ use storage::{ByteSize, EdgeTreeKind, Scratch};
 use vdt::ingest::{CoreMesh, FileCounts, StoredMesh};
 use vdt::simplify::log::{LoggedCollapse, Simplified};
 use vdt::simplify::{SimplifyOptions, simplify};
-use vdt::tree::{Metric, Strategy, Tree, finish};
+use vdt::tree::{ErrorBound, Metric, Strategy, Tree, finish};
 
 /// RAM enough for any test.
 const PLENTY: ByteSize = ByteSize(1 << 34);
@@ -21,7 +21,8 @@ pub struct History {
 }
 
 fn simplified(mesh: &StoredMesh, metric: Metric, strategy: Strategy) -> Simplified {
-    let options = SimplifyOptions { metric, strategy, memory: PLENTY, threads: 1, edge_tree: EdgeTreeKind::Redb };
+    let (error_bound, edge_tree) = (ErrorBound::default(), EdgeTreeKind::Redb);
+    let options = SimplifyOptions { metric, strategy, error_bound, memory: PLENTY, threads: 1, edge_tree };
     simplify(mesh, &options, &Scratch::in_memory(), &mut |_| ()).unwrap()
 }
 

@@ -66,7 +66,10 @@ fn table1_for_people() {
         assert!(lines[4].contains(heading), "no `{heading}` in {text}");
     }
     assert_eq!((cells(5)[0], cells(6)[0], cells(5).len()), ("ball.ply", "box.ply", 8), "{text}");
-    assert!(text.contains("--memory 8M --threads 1 --strategy passes --metric quadric on "), "{text}");
+    assert!(
+        text.contains("--memory 8M --threads 1 --strategy passes --metric quadric --error-bound default on "),
+        "{text}"
+    );
     assert!(lines.iter().take(8).all(|line| line.chars().count() <= 100), "{text}");
     check_picture(&place, "times.svg", &["ball.ply", "box.ply", "simplify", "microseconds of CPU time"]);
     names.insert("times.svg".into());
@@ -76,12 +79,13 @@ fn table1_for_people() {
 #[test]
 fn table1_for_programs() {
     let place = place_with_meshes();
-    let options = "--strategy btree:redb --metric length --runs 2 --scratch .";
+    let options = "--strategy btree:redb --metric length --error-bound none --runs 2 --scratch .";
     let names = place.names();
     let document = place.json(&format!("bench table1 ball.ply box.ply {options}"));
     assert_eq!(place.names(), names);
     assert_eq!((whole(&document, "memory_bytes"), whole(&document, "runs")), (256 << 20, 2));
     assert_eq!((&document["strategy"], &document["metric"]), (&"btree:redb".into(), &"length".into()));
+    assert_eq!(document["error_bound"], "none");
     assert!(whole(&document["machine"], "cores") > 0);
     let rows = document["rows"].as_array().unwrap();
     assert_eq!(rows.len(), 2);
@@ -89,7 +93,7 @@ fn table1_for_programs() {
         assert_eq!(row["mesh"], format!("{name}.ply"));
         // What is measured is the build that users run.
         let build = place.json(&format!(
-            "build {name}.ply -o {name}.vdt --strategy btree --edge-tree redb --metric length --memory 256M"
+            "build {name}.ply -o {name}.vdt --strategy btree --edge-tree redb --metric length --error-bound none --memory 256M"
         ));
         for key in ["triangles", "vertices", "input_triangles", "model_bytes", "passes"] {
             assert_eq!(row[key], build[key], "{key}");

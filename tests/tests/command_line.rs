@@ -380,10 +380,11 @@ fn info_of_both_kinds() {
     assert_eq!((&mesh["kind"], &mesh["format"]), (&"mesh".into(), &"PLY".into()));
     assert_eq!((&mesh["vertices"], &mesh["faces"], &mesh["triangles"]), (&8.into(), &12.into(), &12.into()));
     assert!((mesh["diagonal"].as_f64().unwrap() - 3.0_f64.sqrt()).abs() < 1e-12);
-    place.json("build box.ply -o box.vdt --metric length --strategy btree --blocking levels:3");
+    place.json("build box.ply -o box.vdt --metric length --strategy btree --error-bound tight --blocking levels:3");
     let model = place.json("info box.vdt");
     assert_eq!((&model["kind"], &model["positions"]), (&"model".into(), &"lossless".into()));
     assert_eq!((&model["metric"], &model["strategy"]), (&"length".into(), &"btree".into()));
+    assert_eq!((&model["error_bound"], &model["errors_certified"]), (&"tight".into(), &true.into()));
     assert_eq!(model["blocking"], "levels:3");
     assert_eq!((&model["minimum"], &model["maximum"]), (&mesh["minimum"], &mesh["maximum"]));
     assert_eq!(model["model_bytes"], place.read("box.vdt").len());

@@ -18,7 +18,7 @@ use navigator::{Camera, Dependency, Io, Navigator, NavigatorError, NavigatorOpti
 use proptest::prelude::*;
 use storage::{Disk, MemoryDisk, ReadAt, StorageError, WriteFile};
 use vdt::ingest::{CleaningCounts, CoreMesh, canonical};
-use vdt::tree::{Metric, StoredTree, Strategy as Order, Tree};
+use vdt::tree::{ErrorBound, Metric, StoredTree, Strategy as Order, Tree};
 use vdt_tests::cut::{self, Node, smallest_first};
 use vdt_tests::history::{self, History, history};
 use vdt_tests::random_mesh::{RawMesh, any_mesh, closed_box, sheet, sphere, torus};
@@ -54,7 +54,8 @@ impl Sample {
     /// The model of the tree, on a disk in memory.
     fn disk(&self, blocking: Blocking) -> MemoryDisk {
         let disk = MemoryDisk::new();
-        let options = ModelOptions { blocking, metric: Metric::Quadric, strategy: Order::Passes };
+        let (metric, strategy, error_bound) = (Metric::Quadric, Order::Passes, ErrorBound::default());
+        let options = ModelOptions { blocking, metric, strategy, error_bound };
         let tree = StoredTree::from_tree(self.tree.clone());
         let (path, resources) = (Path::new(FILE), WriteResources::in_memory());
         write_model(Arc::new(disk.clone()), path, &tree, &options, &resources, &mut |_| ()).unwrap();

@@ -20,7 +20,7 @@ use crate::ingest::{self, CleaningCounts, FileCounts, IngestPlan, KeptMesh, Stor
 use crate::mesh::MeshError;
 use crate::simplify::log::{KeptSimplified, Simplified};
 use crate::simplify::{self, SimplifyError, SimplifyOptions, SpannedCounters};
-use crate::tree::{FinishError, Metric, StoredTree, Strategy, finish};
+use crate::tree::{ErrorBound, FinishError, Metric, StoredTree, Strategy, finish};
 
 /// How a tree is to be built.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,6 +33,8 @@ pub struct BuildOptions {
     pub metric: Metric,
     /// How the order of the collapses is found.
     pub strategy: Strategy,
+    /// What the switch values are.
+    pub error_bound: ErrorBound,
     /// The tree of edges of [`Strategy::Btree`], for a mesh that does not fit in memory.
     pub edge_tree: EdgeTreeKind,
 }
@@ -227,7 +229,7 @@ pub fn build(
     resumed: Option<serde_json::Value>,
     progress: &mut (dyn FnMut(Step) + Send),
 ) -> Result<(StoredTree, BuildReport), BuildError> {
-    let BuildOptions { memory, threads, metric, strategy, edge_tree } = *options;
+    let BuildOptions { memory, threads, metric, strategy, error_bound, edge_tree } = *options;
     let mut phases = Vec::new();
     let checkpoint = resumed.and_then(|state| serde_json::from_value(state).ok());
     let (mesh, simplified) = match checkpoint {
@@ -263,7 +265,7 @@ pub fn build(
         None => {
             progress(Step { phase: Phase::Simplifying, share: 0.0, triangles });
             let watch = PhaseWatch::start();
-            let simplify_options = SimplifyOptions { metric, strategy, memory, threads, edge_tree };
+            let simplify_options = SimplifyOptions { metric, strategy, error_bound, memory, threads, edge_tree };
             let mut simplified = simplify::simplify(&mesh, &simplify_options, scratch, &mut |share| {
                 progress(Step { phase: Phase::Simplifying, share, triangles });
             })?;

@@ -64,7 +64,7 @@ pub fn run(options: &IoBenchOptions, json: bool) -> Result<()> {
     let mut points = Vec::new();
     for (number, (strategy, limit)) in builds.iter().copied().enumerate() {
         progress.show(number as f64 / builds.len() as f64);
-        let outcome = build(&workshop, &options.mesh, strategy, limit, options.threads)?;
+        let outcome = build(&workshop, options, strategy, limit)?;
         points.push(Point { strategy, limit, outcome });
     }
     drop(progress);
@@ -82,9 +82,10 @@ pub fn run(options: &IoBenchOptions, json: bool) -> Result<()> {
         writeln!(
             out,
             "\nread, written, both: bytes for each triangle of the input, as the operating system counts them; so are CPU\n\
-             time and peak RAM. Mesh: {}. Built{} on {}.",
+             time and peak RAM. Mesh: {}. Built with{} --error-bound {} on {}.",
             described(&options.mesh, &points),
-            options.threads.map_or(String::new(), |threads| format!(" with --threads {threads}")),
+            options.threads.map_or(String::new(), |threads| format!(" --threads {threads}")),
+            options.error_bound,
             Machine::this().text(),
         )?;
     }
@@ -95,19 +96,14 @@ pub fn run(options: &IoBenchOptions, json: bool) -> Result<()> {
     }
 }
 
-fn build(
-    workshop: &Workshop,
-    mesh: &Path,
-    strategy: StrategyChoice,
-    limit: ByteSize,
-    threads: Option<u16>,
-) -> Result<Outcome> {
+fn build(workshop: &Workshop, bench: &IoBenchOptions, strategy: StrategyChoice, limit: ByteSize) -> Result<Outcome> {
     let mut options = strategy.options();
     options.extend(build_options(&[
         ("--memory", Some(limit.0.to_string())),
-        ("--threads", threads.map(|threads| threads.to_string())),
+        ("--threads", bench.threads.map(|threads| threads.to_string())),
+        ("--error-bound", Some(bench.error_bound.to_string())),
     ]));
-    Ok(match workshop.build(mesh, &options)? {
+    Ok(match workshop.build(&bench.mesh, &options)? {
         Ok(document) => Outcome::Built(Box::new(Figures::new(document))),
         // A build that says which memory would do has refused the one it was given.
         Err(complaint) if complaint.contains("--memory ") => Outcome::Refused(complaint),
@@ -168,6 +164,7 @@ fn to_json(options: &IoBenchOptions, points: &[Point]) -> Value {
         "mesh": mesh_name(&options.mesh),
         "file": options.mesh.display().to_string(),
         "threads": options.threads,
+        "error_bound": options.error_bound.to_string(),
         "rows": points.iter().map(point_json).collect::<Vec<_>>(),
     })
 }

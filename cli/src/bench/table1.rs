@@ -55,6 +55,7 @@ pub fn run(options: &Table1Options, json: bool) -> Result<()> {
         ("--memory", Some(options.memory.0.to_string())),
         ("--threads", options.threads.map(|threads| threads.to_string())),
         ("--metric", Some(options.metric.to_string())),
+        ("--error-bound", Some(options.error_bound.to_string())),
     ]));
     let workshop = Workshop::new(&workshop_parent(options.scratch.as_deref()))?;
     let progress = Progress::new("building");
@@ -169,10 +170,11 @@ fn legend(options: &Table1Options) -> String {
          MNT   the meta-nodes: seconds of blocking and writing; bytes of page headers and tables\n\
          The model file is VDT, DATA and MNT together. tri: triangles of the input. Bytes read and written, CPU time and\n\
          peak RAM are as the operating system counts them.{runs}\n\
-         Built with --memory {}{threads} --strategy {} --metric {} on {}.",
+         Built with --memory {}{threads} --strategy {} --metric {} --error-bound {} on {}.",
         options.memory.as_argument(),
         options.strategy,
         options.metric,
+        options.error_bound,
         Machine::this().text(),
     )
 }
@@ -184,6 +186,7 @@ fn to_json(options: &Table1Options, rows: &[Row]) -> Value {
         "threads": options.threads,
         "strategy": options.strategy.to_string(),
         "metric": options.metric.to_string(),
+        "error_bound": options.error_bound.to_string(),
         "runs": options.runs,
         "rows": rows.iter().map(row_json).collect::<Vec<_>>(),
     })

@@ -115,6 +115,7 @@ fn header(tree: &Tree, blocks: &Blocks, layout: &Layout, options: &ModelOptions)
         largest_switch: switches.fold(0.0, f32::max),
         metric: options.metric,
         strategy: options.strategy,
+        error_bound: options.error_bound,
         blocking: options.blocking,
         roots_offset: HEADER_BYTES as u64,
         pages_offset: layout.pages_offset,

@@ -44,7 +44,7 @@ use storage::{ByteSize, EdgeTreeKind, Scratch, StorageError};
 use thiserror::Error;
 
 use crate::ingest::StoredMesh;
-use crate::tree::{Metric, Strategy};
+use crate::tree::{ErrorBound, Metric, Strategy};
 use collapse::Engine;
 use components::{BlockLabels, Labels};
 use journal::Journal;
@@ -64,6 +64,8 @@ pub struct SimplifyOptions {
     pub metric: Metric,
     /// How the order of the collapses is found.
     pub strategy: Strategy,
+    /// What the switch values are.
+    pub error_bound: ErrorBound,
     /// RAM for what grows with the mesh.
     pub memory: ByteSize,
     /// How many threads may work. [`Strategy::Btree`] has one.

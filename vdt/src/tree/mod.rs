@@ -22,5 +22,7 @@ pub use bounding_spheres::enclosing_radius;
 pub use check::{TreeError, check};
 pub use finish::{FinishError, finish};
 pub use normal_cones::{enclosing_cone, leaf_cone};
-pub use record::{BornTriangles, Metric, NO_SPLIT, NormalCone, Root, Split, Strategy, Tree, UnknownNameError};
+pub use record::{
+    BornTriangles, ErrorBound, Metric, NO_SPLIT, NormalCone, Root, Split, Strategy, Tree, UnknownNameError,
+};
 pub use stored::StoredTree;

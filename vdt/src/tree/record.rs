@@ -24,6 +24,24 @@ pub enum Strategy {
     Btree,
 }
 
+/// What the switch values are: an estimate, or a proven bound on the distance from any point of the input to the surface.
+///
+/// A certified bound follows every triangle of the input through all collapses: each collapse cuts what it removes into
+/// pieces and measures how far each piece is from its new triangle. What a triangle remembers of finer surfaces, instead of
+/// adding to the bound of a coarser one, makes the bound tighter and the build slower.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum ErrorBound {
+    /// The metric's error, made monotone over the collapses that depend on each other. An estimate.
+    None,
+    /// Certified, with one piece kept for each triangle.
+    Fast,
+    /// Certified, with two pieces kept for each triangle.
+    #[default]
+    Default,
+    /// Certified, with four pieces kept for each triangle.
+    Tight,
+}
+
 /// A name that stands for nothing.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error("there is no {kind} `{name}`; there are {known}")]
@@ -36,7 +54,9 @@ pub struct UnknownNameError {
 /// Finds the item whose [`fmt::Display`] is `name`.
 fn named<T: fmt::Display + Copy>(kind: &'static str, all: &[T], name: &str) -> Result<T, UnknownNameError> {
     all.iter().copied().find(|item| item.to_string() == name).ok_or_else(|| {
-        let known = all.iter().map(T::to_string).collect::<Vec<_>>().join(" and ");
+        let mut known = all.iter().map(T::to_string).collect::<Vec<_>>();
+        let last = known.pop().unwrap_or_default();
+        let known = format!("{} and {last}", known.join(", "));
         UnknownNameError { kind, name: name.to_owned(), known }
     })
 }
@@ -49,6 +69,26 @@ impl Metric {
 impl Strategy {
     /// All there are.
     pub const ALL: [Strategy; 2] = [Strategy::Passes, Strategy::Btree];
+}
+
+impl ErrorBound {
+    /// All there are.
+    pub const ALL: [ErrorBound; 4] = [ErrorBound::None, ErrorBound::Fast, ErrorBound::Default, ErrorBound::Tight];
+
+    /// Whether switch values are proven bounds.
+    pub fn is_certified(self) -> bool {
+        self != ErrorBound::None
+    }
+
+    /// Pieces of finer surfaces that are kept for each triangle while the mesh is simplified; 0 without a bound.
+    pub fn pieces(self) -> usize {
+        match self {
+            ErrorBound::None => 0,
+            ErrorBound::Fast => 1,
+            ErrorBound::Default => 2,
+            ErrorBound::Tight => 4,
+        }
+    }
 }
 
 impl fmt::Display for Metric {
@@ -69,6 +109,17 @@ impl fmt::Display for Strategy {
     }
 }
 
+impl fmt::Display for ErrorBound {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.pad(match self {
+            ErrorBound::None => "none",
+            ErrorBound::Fast => "fast",
+            ErrorBound::Default => "default",
+            ErrorBound::Tight => "tight",
+        })
+    }
+}
+
 impl FromStr for Metric {
     type Err = UnknownNameError;
 
@@ -82,6 +133,14 @@ impl FromStr for Strategy {
 
     fn from_str(name: &str) -> Result<Self, Self::Err> {
         named("strategy", &Strategy::ALL, name)
+    }
+}
+
+impl FromStr for ErrorBound {
+    type Err = UnknownNameError;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        named("error bound", &ErrorBound::ALL, name)
     }
 }
 
@@ -197,5 +256,26 @@ impl Tree {
     /// Number of leaves, that is of vertices of the mesh.
     pub fn leaf_count(&self) -> usize {
         self.positions.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_name_stands_for_what_bears_it() {
+        for bound in ErrorBound::ALL {
+            assert_eq!(bound.to_string().parse(), Ok(bound));
+        }
+        assert_eq!(Metric::ALL.map(|metric| metric.to_string().parse()), Metric::ALL.map(Ok));
+        assert_eq!(Strategy::ALL.map(|strategy| strategy.to_string().parse()), Strategy::ALL.map(Ok));
+        let refused = |outcome: Result<ErrorBound, UnknownNameError>| outcome.unwrap_err().to_string();
+        let expected = "there is no error bound `loose`; there are none, fast, default and tight";
+        assert_eq!(refused("loose".parse()), expected);
+        assert_eq!(
+            "angle".parse::<Metric>().unwrap_err().to_string(),
+            "there is no metric `angle`; there are quadric and length"
+        );
     }
 }
