@@ -479,6 +479,8 @@ pub enum BenchCommand {
     Table1(Table1Options),
     /// Bytes read and written for each triangle, against the memory limit.
     Io(IoBenchOptions),
+    /// The errors that a model states of its levels of detail, against measured ones.
+    Error(ErrorBenchOptions),
 }
 
 /// `vdt bench table1`
@@ -543,6 +545,45 @@ pub struct IoBenchOptions {
     #[arg(long, value_name = "DIR")]
     pub scratch: Option<PathBuf>,
     /// Draw the bytes against the memory into this file.
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// Replace an existing picture.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// `vdt bench error`
+#[derive(Debug, Args)]
+#[command(
+    after_long_help = "Cuts are from 50 % to 0.5 % of the triangles. For each, the largest distance from the mesh to the \
+                       cut is measured as by `vdt compare`. It counts as a violation where it is larger than what the \
+                       model states.\n\n\
+                       Examples:\n  vdt bench error bunny.vdt bunny.ply --plot error.svg\n  \
+                       vdt bench error dragon.vdt dragon.ply --cuts 5 --samples 100000"
+)]
+pub struct ErrorBenchOptions {
+    /// The model.
+    #[arg(value_name = "MODEL.vdt")]
+    pub model: PathBuf,
+    /// The mesh that it was built from.
+    #[arg(value_name = "MESH")]
+    pub mesh: PathBuf,
+    /// Cuts with the same detail everywhere, and as many of cameras.
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub cuts: u32,
+    /// Samples on each surface, as for compare.
+    #[arg(long, default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(1..=1_000_000_000_000))]
+    pub samples: u64,
+    /// RAM for what grows with the mesh and the model.
+    #[arg(long, default_value = "1G")]
+    pub memory: ByteSize,
+    /// How many threads may work. [default: as many as the machine runs at once]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub threads: Option<u16>,
+    /// Folder for temporary files. [default: the system's for temporary files]
+    #[arg(long, value_name = "DIR")]
+    pub scratch: Option<PathBuf>,
+    /// Draw the ratios of stated and measured errors into this file.
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
     /// Replace an existing picture.

@@ -45,7 +45,7 @@ pub fn run(options: &CompareOptions, json: bool) -> Result<()> {
 }
 
 /// How many threads this machine runs at once.
-fn available_threads() -> usize {
+pub fn available_threads() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 

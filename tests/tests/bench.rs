@@ -163,6 +163,60 @@ fn io_against_memory() {
     assert!(text.contains("gyroid.ply (") && text.contains(" triangles)"), "{text}");
 }
 
+/// What is stated, what is measured, and the summary of both kinds of cuts.
+#[test]
+fn stated_errors_against_measured_ones() {
+    let place = place_with_meshes();
+    place.json("build ball.ply -o ball.vdt");
+    let error = "bench error ball.vdt ball.ply --cuts 4 --samples 5000 --memory 64M --scratch .";
+    let mut names = place.names();
+    let document = place.json(&format!("{error} --plot ratios.svg"));
+    names.insert("ratios.svg".into());
+    assert_eq!(place.names(), names);
+    check_picture(&place, "ratios.svg", &["uniform", "view-dependent", "triangles of the cut", "ball.vdt"]);
+    let rows = document["rows"].as_array().unwrap();
+    assert_eq!(rows.len() as u64 + whole(&document, "skipped"), 8);
+    let input = whole(&document, "input_triangles");
+    for row in rows {
+        assert!(whole(row, "triangles") > 0 && whole(row, "triangles") <= input, "{row}");
+        let [stated, measured] = ["error_stated", "input_to_cut_max"].map(|key| float(row, key));
+        assert!(stated > 0.0 && measured > 0.0 && float(row, "cut_to_input_max") > 0.0, "{row}");
+        assert!(float(row, "input_to_cut_max_at_most") >= measured, "{row}");
+        assert!((float(row, "ratio") * measured / stated - 1.0).abs() < 1e-12, "{row}");
+        assert_eq!(row["violation"], measured > stated * (1.0 + 1e-6) + 1e-7 * float(&document, "diagonal"));
+    }
+    let summary = document["summary"].as_array().unwrap();
+    let kinds: Vec<&str> = summary.iter().map(|kind| kind["kind"].as_str().unwrap()).collect();
+    assert_eq!(kinds, ["uniform", "view-dependent"]);
+    for kind in summary {
+        let own: Vec<&Value> = rows.iter().filter(|row| row["kind"] == kind["kind"]).collect();
+        assert!(own.len() >= 2 && whole(kind, "cuts") == own.len() as u64, "{document}");
+        assert_eq!(whole(kind, "violations"), own.iter().filter(|row| row["violation"] == true).count() as u64);
+        let ratios = ["ratio_min", "ratio_median", "ratio_p90", "ratio_max"].map(|key| float(kind, key));
+        assert!(ratios.is_sorted(), "{kind}");
+        assert!(own.iter().all(|row| (ratios[0]..=ratios[3]).contains(&float(row, "ratio"))), "{kind}");
+    }
+    // The same again, as text.
+    let text = place.run(error).success();
+    for heading in ["stated %", "measured %", "ratio", "reverse %", "violation", "median"] {
+        assert!(text.contains(heading), "no `{heading}` in {text}");
+    }
+    assert_eq!(
+        text.lines().filter(|line| line.starts_with("uniform")).count(),
+        1 + whole(&summary[0], "cuts") as usize
+    );
+
+    place.write("old.svg", "precious");
+    place.refuses(1, "bench error ball.vdt missing.ply", &["missing.ply", "No such file"]);
+    place.refuses(1, "bench error ball.ply ball.ply", &["ball.ply"]);
+    place.refuses(1, "bench error ball.vdt ball.vdt", &["ball.vdt", "is a model"]);
+    place.refuses(1, "bench error ball.vdt ball.ply --plot old.svg", &["old.svg", "--force"]);
+    place.refuses(1, "bench error ball.vdt ball.ply --memory 1M", &["--memory 32M"]);
+    place.refuses(1, "bench error ball.vdt ball.ply --scratch nowhere", &["nowhere"]);
+    place.refuses(2, "bench error ball.vdt", &["<MESH>"]);
+    place.refuses(2, "bench error ball.vdt ball.ply --cuts 0", &["--cuts"]);
+}
+
 /// A file that no build takes has its line, and the others theirs; then the bench has failed.
 #[test]
 fn a_build_that_fails_is_told_and_the_others_go_on() {
@@ -216,7 +270,7 @@ fn what_cannot_be_is_refused_before_anything_is_built() {
 #[test]
 fn the_examples_of_the_help_are_right() {
     let place = workplace!();
-    for bench in ["table1", "io"] {
+    for bench in ["table1", "io", "error"] {
         let help = place.run(&format!("bench {bench} --help")).success();
         let examples: Vec<&str> = help.split_once("Examples:\n").unwrap().1.lines().collect();
         assert!(examples.len() >= 2);

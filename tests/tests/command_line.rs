@@ -8,7 +8,7 @@ use vdt_tests::program::Workplace;
 use vdt_tests::random_mesh::{closed_box, sphere};
 use vdt_tests::workplace;
 
-const COMMANDS: [&str; 8] = ["demo", "generate", "build", "info", "verify", "extract", "navigate", "bench"];
+const COMMANDS: [&str; 9] = ["demo", "generate", "build", "info", "verify", "extract", "navigate", "compare", "bench"];
 
 fn place_with_ball() -> Workplace {
     let place = workplace!();

@@ -95,6 +95,18 @@ fn a_build_keeps_to_its_memory() {
     }
 }
 
+/// Two meshes that do not fit: what is read of them, the boxes over them and the caches keep to the memory together.
+#[test]
+fn a_comparison_keeps_to_its_memory() {
+    let place = place_with_terrain();
+    place.json("generate terrain --triangles 250000 --seed 5 -o other.ply");
+    for (memory, threads) in [(16 * MIB, 1), (24 * MIB, 3)] {
+        let compare = format!("compare terrain.ply other.ply --samples 20000 --memory {memory} --threads {threads}");
+        let found = within(&place, memory + FOR_FLIGHT, &compare);
+        assert_eq!((&found["a_triangles"], &found["b_triangles"]), (&300_000.into(), &250_000.into()));
+    }
+}
+
 /// A soup has three vertices for each triangle, and lists of triangles grow while they are read.
 #[test]
 fn a_build_keeps_to_its_memory_whatever_the_format() {

@@ -1,4 +1,4 @@
-//! Builds as processes of their own, one after the other, in a temporary folder.
+//! A temporary folder, and builds in it as processes of their own, one after the other.
 //!
 //! Peak RAM and CPU time are then each build's own, by the operating system's figures. The folder is removed when the
 //! last build is done, and also when this program is told to stop: [`end`] stops the build that goes on, waits for it,
@@ -52,7 +52,7 @@ pub fn end() -> Ended {
 /// What a build came to: what it printed, or what it complained of.
 pub type Outcome = Result<Value, String>;
 
-/// A temporary folder in which builds are run. There is one at a time.
+/// A temporary folder in which builds are run, or cuts measured. There is one at a time.
 #[derive(Debug)]
 pub struct Workshop {
     folder: TempDir,
@@ -71,6 +71,11 @@ impl Workshop {
         running.folder = Some(folder.path().to_path_buf());
         drop(running);
         Ok(Workshop { folder, program })
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
     }
 
     /// Where a build works, and nothing of an earlier one is.

@@ -1,16 +1,19 @@
-//! `vdt bench`: measurements of builds, on the meshes given.
+//! `vdt bench`: measurements of builds, on the meshes given, and of what models state.
 //!
 //! | module | what it does |
 //! |---|---|
 //! | [`table1`] | the paper's Table 1: construction times and file sizes |
 //! | [`io`] | bytes moved against the memory limit |
+//! | [`error`], [`cuts`] | stated errors of cuts against measured ones |
 //! | [`child`] | builds as processes of their own, in a temporary folder |
 //! | [`figures`] | what a build says of itself |
 //! | [`machine`] | on which machine it was measured |
 //! | [`strategy`] | a strategy with its B-tree |
-//! | [`plot`] | the pictures of both |
+//! | [`plot`] | the pictures of all |
 
 mod child;
+mod cuts;
+mod error;
 mod figures;
 mod io;
 mod machine;
@@ -35,6 +38,7 @@ pub fn run(options: BenchOptions, json: bool) -> Result<()> {
     match options.command {
         BenchCommand::Table1(options) => table1::run(&options, json),
         BenchCommand::Io(options) => io::run(&options, json),
+        BenchCommand::Error(options) => error::run(&options, json),
     }
 }
 
@@ -43,7 +47,7 @@ fn workshop_parent(scratch: Option<&Path>) -> PathBuf {
     scratch.map_or_else(std::env::temp_dir, Path::to_path_buf)
 }
 
-/// Refuses meshes that cannot be opened and a picture that cannot be written, before anything is measured.
+/// Refuses inputs that cannot be opened and a picture that cannot be written, before anything is measured.
 fn check_files(meshes: &[&Path], plot: Option<&Path>, force: bool) -> Result<()> {
     for mesh in meshes {
         LocalDisk.open(mesh)?;

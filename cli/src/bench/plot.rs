@@ -1,4 +1,5 @@
-//! The pictures of the benches, as SVG: bytes moved against memory, and CPU time for each triangle.
+//! The pictures of the benches, as SVG: bytes moved against memory, CPU time for each triangle, and stated errors against
+//! measured ones.
 
 use std::ops::Range;
 
@@ -8,6 +9,8 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use storage::ByteSize;
 
+use super::cuts::Kind;
+use super::error;
 use super::figures::{Figures, PHASES};
 use super::io::{Outcome, Point};
 use super::strategy::StrategyChoice;
@@ -200,6 +203,52 @@ pub fn times_per_triangle(rows: &[Row], title: &str) -> Result<String> {
         });
         chart.draw_series(sums).map_err(drawing)?;
         draw_legend(&mut chart, SeriesLabelPosition::LowerRight)?;
+        area.present().map_err(drawing)?;
+    }
+    Ok(svg)
+}
+
+/// Draws, for each cut, what is stated of its error for each unit of what is measured, against its triangles; both on
+/// logarithmic scales. Below the line at 1 the statement is wrong.
+pub fn ratios(rows: &[error::Row], title: &str) -> Result<String> {
+    let points = |kind| {
+        let own = rows.iter().filter(move |row: &&error::Row| row.kind == kind);
+        own.filter_map(|row| Some((row.triangles as f64, row.ratio()?)))
+    };
+    let all = || Kind::ALL.into_iter().flat_map(points);
+    let (fewest, most) = (all().map(|at| at.0).fold(1e12, f64::min), all().map(|at| at.0).fold(1.0, f64::max));
+    let (least, largest) = (all().map(|at| at.1).fold(1.0, f64::min), all().map(|at| at.1).fold(1.0, f64::max));
+    let triangles = fewest.min(most) / 1.3..most * 1.3;
+    let mut svg = String::new();
+    {
+        let area = SVGBackend::with_string(&mut svg, (WIDTH, HEIGHT)).into_drawing_area();
+        area.fill(&WHITE).map_err(drawing)?;
+        let mut chart = ChartBuilder::on(&area)
+            .caption(title, (FONT, 20))
+            .margin(16)
+            .x_label_area_size(48)
+            .y_label_area_size(80)
+            .build_cartesian_2d(triangles.clone().log_scale(), (least / 2.0..largest * 2.0).log_scale())
+            .map_err(drawing)?;
+        chart
+            .configure_mesh()
+            .x_desc("triangles of the cut")
+            .y_desc("stated error for each unit measured")
+            .x_label_formatter(&|triangles| grouped(triangles.round() as u64))
+            .label_style((FONT, 15))
+            .draw()
+            .map_err(drawing)?;
+        let line = [(triangles.start, 1.0), (triangles.end, 1.0)];
+        chart.draw_series(LineSeries::new(line, BLACK.stroke_width(2))).map_err(drawing)?;
+        for (number, kind) in Kind::ALL.into_iter().enumerate() {
+            let colour = colour(number);
+            chart
+                .draw_series(points(kind).map(|at| Circle::new(at, 5, colour.filled())))
+                .map_err(drawing)?
+                .label(kind.name())
+                .legend(move |(x, y)| Circle::new((x + 12, y), 5, colour.filled()));
+        }
+        draw_legend(&mut chart, SeriesLabelPosition::UpperRight)?;
         area.present().map_err(drawing)?;
     }
     Ok(svg)
