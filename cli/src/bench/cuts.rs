@@ -9,7 +9,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result};
 use metanode::header::ModelError;
 use metanode::model::Model;
-use metanode::{UniformCut, error_for_triangles};
+use metanode::{Statement, UniformCut, error_for_triangles};
 use navigator::{Camera, Dependency, Io, Navigator, NavigatorOptions};
 use storage::LocalDisk;
 use vdt::mesh::MeshError;
@@ -51,8 +51,8 @@ impl Kind {
 pub struct Cut {
     /// Triangles.
     pub triangles: u64,
-    /// The largest switch value of all nodes that are not split.
-    pub error_stated: f64,
+    /// What is said of how far the input is from it.
+    pub said: Statement,
 }
 
 /// Cuts of one model.
@@ -108,7 +108,7 @@ impl Cutter {
         cut.for_each_vertex(|position| -> Result<()> { Ok(writer.vertex(self.placed(position))?) })?;
         cut.for_each_triangle(|corners| -> Result<()> { Ok(writer.triangle(corners)?) })?;
         writer.finish()?;
-        Ok(Cut { triangles: cut.triangle_count(), error_stated: cut.error_stated().into() })
+        Ok(Cut { triangles: cut.triangle_count(), said: cut.statement()? })
     }
 
     fn view_dependent(&self, number: u32, path: &Path) -> Result<Cut> {
@@ -126,8 +126,6 @@ impl Cutter {
         let mut navigator = Navigator::open(self.model.clone(), options)
             .context("a view-dependent cut has three eighths of --memory")?;
         navigator.run_until_settled(&camera, MOST_FRAMES)?;
-        // All of the cut is measured, so all of it counts, also what the camera does not see.
-        let error_stated = navigator.active_nodes().map(|node| node.switch).fold(0.0, f32::max);
         let mut number_of = vec![u64::MAX; navigator.node_bound() as usize];
         let triangles = navigator.triangle_count() as u64;
         let mut writer = writer(path, navigator.active_count() as u64, triangles)?;
@@ -139,7 +137,7 @@ impl Cutter {
             writer.triangle(triangle.nodes.map(|node| number_of[node as usize]))
         })?;
         writer.finish()?;
-        Ok(Cut { triangles, error_stated: error_stated.into() })
+        Ok(Cut { triangles, said: navigator.statement() })
     }
 
     /// Where camera number `number` stands, and how far from what it looks at.

@@ -1,7 +1,6 @@
 //! `vdt bench error`: what a model states of the errors of its cuts, against what is measured.
 //!
-//! A cut states that no point of the input mesh is farther from it than the largest switch value of its nodes. Whether
-//! that is so is measured by [`vdt::compare`], which knows nothing of how the model was built. A measured maximum is a
+//! A cut states how far, at most, any point of the input mesh is from it ([`metanode::statement`]). Whether that is so is measured by [`vdt::compare`], which knows nothing of how the model was built. A measured maximum is a
 //! distance that was found, so a statement that it exceeds is wrong; allowed for rounding are 10^-6 of the statement and
 //! 10^-7 of the diagonal. The way back, from the cut to the input, is measured too, but nothing is stated of it.
 //!
@@ -42,6 +41,12 @@ pub struct Row {
     pub triangles: u64,
     /// The largest distance from the input to the cut, as stated.
     stated: f64,
+    /// The same for the parts that are drawn.
+    stated_drawn: f64,
+    /// Parts that are not drawn at all.
+    vanished: u32,
+    /// Whether the statement is said to be proven.
+    is_guaranteed: bool,
     /// The same, as measured: it is no smaller.
     measured: f64,
     /// It is no larger.
@@ -84,9 +89,9 @@ pub fn run(options: &ErrorBenchOptions, json: bool) -> Result<()> {
         write!(out, "{}\n{}", table(rows, *diagonal).text(), summary_table(rows).text())?;
         writeln!(
             out,
-            "\nstated: the largest switch value of the cut's nodes; measured: the largest distance found from the input to \
-             the\ncut, which the bound beside it exceeds by what is not known; reverse: from the cut to the input, of which\n\
-             nothing is stated. In % of the diagonal, {}. ratio: stated for measured; below 1 the statement is wrong.\n\
+            "\nvanished: parts that are not drawn at all; stated: how far the input is from the cut, at most; measured: the\n\
+             largest distance that was found, and beside it what no distance can exceed; reverse: from the cut to the input, of\n\
+             which nothing is stated. In % of the diagonal, {}. ratio: stated for measured; below 1 the statement is wrong.\n\
              {} of {} triangles against {}; {} samples each; {skipped} cuts were left out. On {}.",
             length(*diagonal),
             mesh_name(&options.mesh),
@@ -122,7 +127,8 @@ fn measure(options: &ErrorBenchOptions) -> Result<Measured> {
     let cuts = Kind::ALL.into_iter().flat_map(|kind| (0..options.cuts).map(move |number| (kind, number)));
     for (done, (kind, number)) in (0..).zip(cuts) {
         progress.show(f64::from(done) / f64::from(2 * options.cuts));
-        let Cut { triangles, error_stated: stated } = cutter.write(kind, number, &file)?;
+        let Cut { triangles, said } = cutter.write(kind, number, &file)?;
+        let stated = f64::from(said.error_stated);
         if triangles == 0 || stated == 0.0 {
             skipped += 1;
         } else {
@@ -134,6 +140,9 @@ fn measure(options: &ErrorBenchOptions) -> Result<Measured> {
                 kind,
                 triangles,
                 stated,
+                stated_drawn: said.error_drawn.into(),
+                vanished: said.vanished_parts,
+                is_guaranteed: said.guaranteed,
                 measured: forward.max,
                 measured_at_most: forward.max_at_most,
                 reverse: back.max,
@@ -146,13 +155,23 @@ fn measure(options: &ErrorBenchOptions) -> Result<Measured> {
 }
 
 fn table(rows: &[Row], diagonal: f64) -> Table {
-    let mut table =
-        Table::new(&["cut", "triangles", "stated %", "measured %", "at most %", "ratio", "reverse %", "violation"]);
+    let mut table = Table::new(&[
+        "cut",
+        "triangles",
+        "vanished",
+        "stated %",
+        "measured %",
+        "at most %",
+        "ratio",
+        "reverse %",
+        "violation",
+    ]);
     let percent = |value: f64| format!("{:.5}", 100.0 * value / diagonal);
     for row in rows {
         table.line(vec![
             row.kind.name().into(),
             grouped(row.triangles),
+            grouped(row.vanished.into()),
             percent(row.stated),
             percent(row.measured),
             percent(row.measured_at_most),
@@ -203,6 +222,9 @@ fn to_json(options: &ErrorBenchOptions, measured: &Measured) -> Value {
             "kind": row.kind.name(),
             "triangles": row.triangles,
             "error_stated": row.stated,
+            "error_drawn": row.stated_drawn,
+            "vanished_parts": row.vanished,
+            "guaranteed": row.is_guaranteed,
             "input_to_cut_max": row.measured,
             "input_to_cut_max_at_most": row.measured_at_most,
             "cut_to_input_max": row.reverse,
