@@ -180,15 +180,25 @@ pub struct Estimate {
 
 /// The program itself, its code and stacks, in bytes.
 const PROGRAM_BYTES: u64 = 5 << 20;
-/// Bytes for each triangle at the peak of a build that touches no disk.
+/// Bytes for each triangle at the peak of a build that touches no disk, without what the error bound takes.
 const CORE_BYTES: u64 = 140;
-/// CPU time for each triangle, in core and with a scratch, in nanoseconds.
-const CPU_NANOSECONDS: [f64; 2] = [1500.0, 2200.0];
+/// CPU time for each triangle, in core and with a scratch, in nanoseconds, without what the error bound takes.
+const CPU_NANOSECONDS: [f64; 2] = [1500.0, 2000.0];
+
+/// CPU time of the error bound for each triangle, in nanoseconds.
+fn bound_nanoseconds(bound: ErrorBound) -> f64 {
+    match bound {
+        ErrorBound::None => 0.0,
+        ErrorBound::Fast => 500.0,
+        ErrorBound::Default => 1300.0,
+        ErrorBound::Tight => 2700.0,
+    }
+}
 
 /// Says beforehand what a build of files that hold this much is going to take.
 pub fn estimate(counts: FileCounts, options: &BuildOptions) -> Estimate {
     let memory = options.memory.0;
-    let in_core = counts.triangles * CORE_BYTES;
+    let in_core = counts.triangles * (CORE_BYTES + simplify::bound_bytes(options.error_bound));
     let is_external = in_core > memory;
     let simplify = match (options.strategy, options.edge_tree) {
         (Strategy::Btree, EdgeTreeKind::Sled) => {
@@ -201,6 +211,7 @@ pub fn estimate(counts: FileCounts, options: &BuildOptions) -> Estimate {
         simplify::block_triangles(options.memory, options.threads, options.error_bound),
     )
     .0;
+    let nanoseconds = CPU_NANOSECONDS[usize::from(is_external)] + bound_nanoseconds(options.error_bound);
     Estimate {
         peak_bytes: PROGRAM_BYTES + in_core.min(memory),
         smallest_memory: ByteSize(simplify.max(reading)),
@@ -209,7 +220,7 @@ pub fn estimate(counts: FileCounts, options: &BuildOptions) -> Estimate {
         } else {
             0
         },
-        cpu_seconds: counts.triangles as f64 * CPU_NANOSECONDS[usize::from(is_external)] * 1e-9,
+        cpu_seconds: counts.triangles as f64 * nanoseconds * 1e-9,
     }
 }
 

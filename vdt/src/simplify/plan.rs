@@ -83,6 +83,11 @@ impl Plan {
         }
     }
 
+    /// What the bound takes for each triangle of a mesh that is simplified to the end in memory, in bytes.
+    pub fn bound_bytes(bound: ErrorBound) -> u64 {
+        live_bytes(bound) - live_bytes(ErrorBound::None)
+    }
+
     /// What so many triangles that keep so many pieces take, in triangles as they are in the beginning.
     pub fn load(&self, triangles: u64, cut_pieces: u64) -> u64 {
         let bytes = triangles * bare_bytes(self.bound) + cut_pieces * CUT_PIECE_BYTES;
