@@ -196,7 +196,11 @@ pub fn estimate(counts: FileCounts, options: &BuildOptions) -> Estimate {
         }
         _ => simplify::smallest_memory(counts.triangles, options.threads, options.error_bound).0,
     };
-    let reading = ingest::smallest_memory(counts, simplify::block_triangles(options.memory, options.threads, options.error_bound)).0;
+    let reading = ingest::smallest_memory(
+        counts,
+        simplify::block_triangles(options.memory, options.threads, options.error_bound),
+    )
+    .0;
     Estimate {
         peak_bytes: PROGRAM_BYTES + in_core.min(memory),
         smallest_memory: ByteSize(simplify.max(reading)),

@@ -235,12 +235,14 @@ impl<M: CollapseMetric> Engine<M> {
         let d = self.mesh.displacement(gone, stays);
         let gone_quadric = self.mesh.vertices[gone as usize].quadric;
         let Rewritten { error: own, rewriters: other_rewriters } = match (&mut self.rewriter, self.rules) {
-            (Some(rewriter), rules) => rewriter.measure(&self.mesh, gone, stays, &self.rings.gone).unwrap_or_else(|| {
-                // A part has vanished: what it answered for lies no farther from the rest of its component than that is
-                // wide. (No legal collapse makes a part vanish.)
-                let error = if rules == Rules::Relaxed { self.watched.diameter } else { f32::MAX };
-                Rewritten { error, rewriters: 0.0 }
-            }),
+            (Some(rewriter), rules) => {
+                rewriter.measure(&self.mesh, gone, stays, &self.rings.gone).unwrap_or_else(|| {
+                    // A part has vanished: what it answered for lies no farther from the rest of its component than that is
+                    // wide. (No legal collapse makes a part vanish.)
+                    let error = if rules == Rules::Relaxed { self.watched.diameter } else { f32::MAX };
+                    Rewritten { error, rewriters: 0.0 }
+                })
+            }
             (None, rules) => {
                 let own = self.metric.error(&gone_quadric, &self.mesh.vertices[stays as usize].quadric, d);
                 let error = match rules {
@@ -253,7 +255,8 @@ impl<M: CollapseMetric> Engine<M> {
         let born = self.mesh.nodes[gone as usize];
         let kept = self.mesh.nodes[stays as usize];
         let star = self.mesh.star(gone).iter();
-        let rewriters = star.map(|triangle| self.mesh.triangles[*triangle as usize].switch).fold(other_rewriters, f32::max);
+        let rewriters =
+            star.map(|triangle| self.mesh.triangles[*triangle as usize].switch).fold(other_rewriters, f32::max);
         let mut switch =
             own.max(born.switch).max(kept.switch).max(rewriters).max(born.star_switch).max(SMALLEST_SWITCH);
         if self.rules == Rules::Relaxed {

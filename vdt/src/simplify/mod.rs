@@ -167,9 +167,7 @@ fn simplify_spanned(
     let SimplifyOptions { metric, error_bound: bound, edge_tree: kind, .. } = *options;
     let shares = Shares::new(memory, kind);
     match metric {
-        Metric::Quadric => {
-            run_spanned(Task { mesh, metric: QuadricMetric, bound, kind, shares, scratch }, progress)
-        }
+        Metric::Quadric => run_spanned(Task { mesh, metric: QuadricMetric, bound, kind, shares, scratch }, progress),
         Metric::Length => run_spanned(Task { mesh, metric: LengthMetric, bound, kind, shares, scratch }, progress),
     }
 }

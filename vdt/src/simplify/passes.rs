@@ -651,7 +651,8 @@ fn through_groups<M: CollapseMetric, R: Send>(
     while !seams.is_empty() {
         let groups = group(&seams, plan, workspaces.len());
         // A group that is too large for one thread of several has the memory of all.
-        let largest = groups.iter().map(|range| range.iter().map(|seam| seam.load(plan)).sum::<u64>()).max().unwrap_or(0);
+        let largest =
+            groups.iter().map(|range| range.iter().map(|seam| seam.load(plan)).sum::<u64>()).max().unwrap_or(0);
         if largest > plan.seam_triangles {
             return Err(SimplifyError::Seam { triangles: largest, needed: Plan::memory_for_core(largest, plan.bound) });
         }

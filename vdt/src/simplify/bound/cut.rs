@@ -106,9 +106,8 @@ impl Cutter {
                 self.crossings.extend((to + 1..=from).rev().map(crossing));
             }
         }
-        let (lowest, highest) = sectors[..count].iter().fold((usize::MAX, 0), |(low, high), sector| {
-            (low.min(*sector), high.max(*sector))
-        });
+        let (lowest, highest) =
+            sectors[..count].iter().fold((usize::MAX, 0), |(low, high), sector| (low.min(*sector), high.max(*sector)));
         // Each spoke is crossed an even number of times, and once up and once down at least.
         if self.crossings.len() != 2 * (highest - lowest) {
             return false;
@@ -120,7 +119,8 @@ impl Cutter {
         for side in 0..count {
             self.parts[sectors[side] - lowest].push(corners[side], squares[side]);
             let (from, to) = (corners[side], corners[(side + 1) % count]);
-            while let Some(Crossing { spoke, place, square, .. }) = crossings.next_if(|crossing| crossing.side == side) {
+            while let Some(Crossing { spoke, place, square, .. }) = crossings.next_if(|crossing| crossing.side == side)
+            {
                 let corner = std::array::from_fn(|axis| from[axis] + (to[axis] - from[axis]) * place);
                 self.parts[spoke - 1 - lowest].push(corner, *square);
                 self.parts[spoke - lowest].push(corner, *square);
@@ -227,7 +227,9 @@ mod tests {
     #[test]
     fn a_square_is_cut_in_the_middle() {
         let mut shape = Shape::default();
-        for (corner, sector) in [([1.0, -1.0, 0.0], 0), ([3.0, -1.0, 0.0], 0), ([3.0, 1.0, 0.0], 1), ([1.0, 1.0, 0.0], 1)] {
+        for (corner, sector) in
+            [([1.0, -1.0, 0.0], 0), ([3.0, -1.0, 0.0], 0), ([3.0, 1.0, 0.0], 1), ([1.0, 1.0, 0.0], 1)]
+        {
             shape.push(corner, sector, 0.0);
         }
         let mut cutter = Cutter::default();

@@ -295,9 +295,12 @@ impl Rewriter {
         self.spokes.clear();
         self.spokes.extend(self.targets.iter().map(|target| target.corners[0]));
         // The sector that the vertex that goes is nearest to.
-        let nearest = (1..sectors).fold(0, |best, sector| {
-            if self.from_gone[sector] < self.from_gone[best] { sector } else { best }
-        });
+        let nearest = (1..sectors).fold(
+            0,
+            |best, sector| {
+                if self.from_gone[sector] < self.from_gone[best] { sector } else { best }
+            },
+        );
         let need = self.from_gone[nearest].sqrt();
         let mut most = 0.0_f32;
         for index in &self.fan.order {
@@ -355,7 +358,8 @@ impl Rewriter {
                 let mut shape = Shape::default();
                 for corner in 0..piece.corner_count() {
                     let at = |sector: usize| self.row(sector, index)[corner];
-                    let nearest = (1..sectors).fold(0, |best, sector| if at(sector) < at(best) { sector } else { best });
+                    let nearest =
+                        (1..sectors).fold(0, |best, sector| if at(sector) < at(best) { sector } else { best });
                     shape.push(piece.corners[corner], nearest, at(nearest));
                 }
                 if self.hand_on_parts(&shape, piece.base, origin, square) {

@@ -20,9 +20,9 @@ use crate::simplify::plan::Plan;
 use crate::simplify::queue::Waiting;
 use crate::tree::ErrorBound;
 
-use super::{SpannedError, Task};
 use super::edges::{candidate, ends};
 use super::stored::{MeshStore, StoredTriangle, StoredVertex};
+use super::{SpannedError, Task};
 
 /// Bytes of an edge in the queue in memory, with the room that the queue takes to grow.
 const QUEUED_BYTES: u64 = 3 * 16;

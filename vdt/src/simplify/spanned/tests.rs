@@ -61,11 +61,7 @@ fn simplify(
 }
 
 /// With redb, on a disk in RAM.
-fn with_redb(
-    mesh: &StoredMesh,
-    (metric, bound): (Metric, ErrorBound),
-    shares: Shares,
-) -> (Outcome, SpannedCounters) {
+fn with_redb(mesh: &StoredMesh, (metric, bound): (Metric, ErrorBound), shares: Shares) -> (Outcome, SpannedCounters) {
     let (simplified, counters) =
         simplify(mesh, (metric, bound), EdgeTreeKind::Redb, shares, MemoryDisk::new(), Path::new("scratch")).unwrap();
     (Outcome::of(simplified), counters)
@@ -109,7 +105,14 @@ fn one_edge_at_a_time_comes_to_the_same() {
         let mut sub_meshes = 2000;
         let (simplified, counters) = loop {
             let shares = tight(sub_meshes, 20_000);
-            match simplify(&stored, (metric, ErrorBound::Default), EdgeTreeKind::Redb, shares, MemoryDisk::new(), Path::new("scratch")) {
+            match simplify(
+                &stored,
+                (metric, ErrorBound::Default),
+                EdgeTreeKind::Redb,
+                shares,
+                MemoryDisk::new(),
+                Path::new("scratch"),
+            ) {
                 Err(SimplifyError::Spanned(SpannedError::Star { .. })) => sub_meshes += 500,
                 other => break other.unwrap(),
             }
@@ -134,8 +137,14 @@ fn a_star_that_does_not_fit_is_an_error_that_says_what_would_do() {
     let mesh = crate::ingest::canonical(positions, triangles, Default::default()).unwrap();
     let stored = blocked(&mesh, 500);
     let shares = tight(20_000, 20_000);
-    let outcome =
-        simplify(&stored, (Metric::Length, ErrorBound::Default), EdgeTreeKind::Redb, shares, MemoryDisk::new(), Path::new("scratch"));
+    let outcome = simplify(
+        &stored,
+        (Metric::Length, ErrorBound::Default),
+        EdgeTreeKind::Redb,
+        shares,
+        MemoryDisk::new(),
+        Path::new("scratch"),
+    );
     let Err(error) = outcome else { panic!("no error") };
     let message = error.to_string();
     let SimplifyError::Spanned(SpannedError::Star { triangles, needed, .. }) = error else { panic!("{message}") };
@@ -158,8 +167,14 @@ fn the_end_phase_comes_to_the_same_some_components_at_a_time() {
     }
     let stored = blocked(&made(crate::generate::Shape::City, 6_000, 3), 300);
     let shares = tight(100_000, 100);
-    let outcome =
-        simplify(&stored, (Metric::Length, ErrorBound::Default), EdgeTreeKind::Redb, shares, MemoryDisk::new(), Path::new("scratch"));
+    let outcome = simplify(
+        &stored,
+        (Metric::Length, ErrorBound::Default),
+        EdgeTreeKind::Redb,
+        shares,
+        MemoryDisk::new(),
+        Path::new("scratch"),
+    );
     assert!(matches!(outcome, Err(SimplifyError::Spanned(SpannedError::Component { .. }))));
 }
 
@@ -170,14 +185,29 @@ fn with_sled_it_is_the_same() {
     for (metric, seed) in [(Metric::Quadric, 1), (Metric::Length, 2)] {
         let mesh = made(crate::generate::Shape::Terrain, 4_000, seed);
         let shares = Shares { tree: 1 << 40, ..tight(150_000, 50_000) };
-        let (simplified, counters) =
-            simplify(&blocked(&mesh, 700), (metric, ErrorBound::Default), EdgeTreeKind::Sled, shares, LocalDisk, &place).unwrap();
+        let (simplified, counters) = simplify(
+            &blocked(&mesh, 700),
+            (metric, ErrorBound::Default),
+            EdgeTreeKind::Sled,
+            shares,
+            LocalDisk,
+            &place,
+        )
+        .unwrap();
         in_core(&mesh, metric, ErrorBound::Default).assert_same(&Outcome::of(simplified));
         assert!(counters.loads > 5, "{counters:?}");
         assert!(!place.exists());
-        let refused = simplify(&blocked(&mesh, 700), (metric, ErrorBound::Default), EdgeTreeKind::Sled, tight(150_000, 0), LocalDisk, &place);
+        let refused = simplify(
+            &blocked(&mesh, 700),
+            (metric, ErrorBound::Default),
+            EdgeTreeKind::Sled,
+            tight(150_000, 0),
+            LocalDisk,
+            &place,
+        );
         let message = refused.unwrap_err().to_string();
-        let advice = memory_for_sled(mesh.positions.len() as u64, mesh.triangles.len() as u64, ErrorBound::Default).as_argument();
+        let advice = memory_for_sled(mesh.positions.len() as u64, mesh.triangles.len() as u64, ErrorBound::Default)
+            .as_argument();
         assert!(message.contains("--edge-tree redb") && message.contains(&advice), "{message}");
         assert!(!place.exists());
     }
@@ -229,7 +259,8 @@ fn a_full_disk_or_one_that_cannot_be_read_is_an_error_and_nothing_is_left() {
     let stored = blocked(&made(crate::generate::Shape::Terrain, 3_000, 4), 500);
     let memory = MemoryDisk::new();
     let (place, shares) = (Path::new("scratch"), tight(150_000, 50_000));
-    let with = |disk| simplify(&stored, (Metric::Quadric, ErrorBound::Default), EdgeTreeKind::Redb, shares, disk, place);
+    let with =
+        |disk| simplify(&stored, (Metric::Quadric, ErrorBound::Default), EdgeTreeKind::Redb, shares, disk, place);
     for full in [0, 5_000, 300_000, 1_500_000] {
         let disk = FaultyDisk::new(Arc::new(memory.clone()));
         disk.full_after(full);
