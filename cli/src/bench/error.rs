@@ -85,8 +85,8 @@ pub fn run(options: &ErrorBenchOptions, json: bool) -> Result<()> {
         writeln!(
             out,
             "\nstated: the largest switch value of the cut's nodes; measured: the largest distance found from the input to \
-             the\ncut, which the bound beside it exceeds by what is not known; reverse: from the cut to the input, of which\n\
-             nothing is stated. In % of the diagonal, {}. ratio: stated for measured; below 1 the statement is wrong.\n\
+             the\ncut; at most: what the true one does not exceed; reverse: from the cut to the input, of which nothing is\n\
+             stated. In % of the diagonal, {}. ratio: stated for measured; below 1 the statement is wrong.\n\
              {} of {} triangles against {}; {} samples each; {skipped} cuts were left out. On {}.",
             length(*diagonal),
             mesh_name(&options.mesh),
