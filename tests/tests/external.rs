@@ -32,7 +32,7 @@ fn memory_and_threads_do_not_change_a_byte() {
         for options in [
             format!("--memory {least} --threads 1"),
             format!("--memory {least} --threads 2"),
-            "--memory 21M --threads 3".into(),
+            "--memory 26M --threads 3".into(),
             "--memory 28M --threads 2".into(),
         ] {
             let external = build(&place, &options);
@@ -41,6 +41,24 @@ fn memory_and_threads_do_not_change_a_byte() {
             assert_eq!(place.names().len(), 2, "{:?}", place.names());
         }
     }
+}
+
+/// Nor do they with the other bounds: what triangles answer for travels with them.
+#[test]
+fn memory_changes_no_switch_value_of_any_bound() {
+    let place = workplace!();
+    place.json("generate terrain --triangles 250000 --seed 7 -o mesh.ply");
+    let mut digests = Vec::new();
+    for bound in ["none", "fast", "default", "tight"] {
+        let in_core = build(&place, &format!("--memory 1G --error-bound {bound}"));
+        let external = build(&place, &format!("--memory 26M --threads 2 --error-bound {bound}"));
+        assert!(external["scratch_peak_bytes"].as_u64().unwrap() > 250_000 * 20);
+        assert_eq!(external["model_sha256"], in_core["model_sha256"], "{bound}");
+        digests.push(in_core["model_sha256"].to_string());
+    }
+    digests.sort();
+    digests.dedup();
+    assert_eq!(digests.len(), 4);
 }
 
 #[test]

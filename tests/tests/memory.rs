@@ -83,6 +83,7 @@ fn a_build_keeps_to_its_memory() {
         ("--threads 3", needed(&place, "--threads 3")),
         ("--metric length --blocking levels:5", needed(&place, "")),
         ("", 24 * MIB),
+        ("--error-bound tight", 24 * MIB),
         ("--strategy btree", 64 * MIB),
     ] {
         let build = format!("build terrain.ply -o new.vdt --force --memory {memory} {options}");

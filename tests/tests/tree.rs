@@ -3,14 +3,14 @@
 // A test says what it expects by unwrapping.
 #![allow(clippy::unwrap_used)]
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use proptest::prelude::*;
 use vdt::ingest::{CleaningCounts, CoreMesh, canonical};
 use vdt::tree::{Metric, Strategy as Order, Tree, check};
 use vdt_tests::cut;
 use vdt_tests::history::{self, History, history};
-use vdt_tests::random_mesh::{RawMesh, any_mesh, closed_box, sheet, sphere};
+use vdt_tests::random_mesh::{RawMesh, any_mesh, closed_box, sheet, sphere, torus};
 use vdt_tests::replay::PlainMesh;
 
 fn core(mesh: &RawMesh) -> CoreMesh {
@@ -188,4 +188,37 @@ fn a_small_part_vanishes_at_its_diameter() {
     assert_eq!(root_switches.len(), 2);
     assert!(root_switches.iter().any(|switch| (switch - 3.0_f32.sqrt()).abs() < 1e-5), "{root_switches:?}");
     assert!(root_switches.iter().any(|switch| (switch - 128.0_f32.sqrt()).abs() < 1e-4), "{root_switches:?}");
+}
+
+/// Any other scale rounds the positions anew, which breaks some ties: nearly all collapses are the same, and switch values
+/// are nearly the same, scaled.
+#[test]
+fn any_scale_changes_next_to_nothing() {
+    let noisy = [sphere(5, 0.05, 9), torus(60, 40, 0.05, 4), sheet(50, 50, 0.2, 3, 5)];
+    for mesh in noisy.map(RawMesh::in_single_precision) {
+        let expected = history(&core(&mesh), Metric::Quadric, Order::Passes);
+        for factor in [1000.0, 0.001] {
+            let mut scaled = mesh.clone();
+            scaled.positions.iter_mut().flatten().for_each(|value| *value *= factor);
+            let scaled = core(&scaled.in_single_precision());
+            let found = history(&scaled, Metric::Quadric, Order::Passes);
+            // By places, since canonical ids may change.
+            let places = |mesh: &CoreMesh, factor: f64, history: &History| -> BTreeSet<[[i64; 3]; 2]> {
+                let place = |vertex: u32| {
+                    mesh.positions[vertex as usize].map(|value| (f64::from(value) / factor * 1e5).round() as i64)
+                };
+                history.collapses.iter().map(|collapse| [collapse.kept, collapse.born].map(place)).collect()
+            };
+            let (before, after) = (places(&core(&mesh), 1.0, &expected), places(&scaled, factor, &found));
+            assert!(before.intersection(&after).count() * 100 >= before.len() * 95);
+            let switches = |history: &History| {
+                let mut switches: Vec<f32> = history.collapses.iter().map(|collapse| collapse.switch).collect();
+                switches.sort_by(f32::total_cmp);
+                [0.5, 0.9, 0.99].map(|share| f64::from(switches[(switches.len() as f64 * share) as usize]))
+            };
+            for (before, after) in switches(&expected).into_iter().zip(switches(&found)) {
+                assert!((after / (before * factor) - 1.0).abs() < 0.2, "{before} {after} {factor}");
+            }
+        }
+    }
 }

@@ -234,24 +234,7 @@ impl<M: CollapseMetric> Engine<M> {
     fn collapse(&mut self, gone: u32, stays: u32, order: u32) {
         let d = self.mesh.displacement(gone, stays);
         let gone_quadric = self.mesh.vertices[gone as usize].quadric;
-        let Rewritten { error: own, rewriters: other_rewriters } = match (&mut self.rewriter, self.rules) {
-            (Some(rewriter), rules) => {
-                rewriter.measure(&self.mesh, gone, stays, &self.rings.gone).unwrap_or_else(|| {
-                    // A part has vanished: what it answered for lies no farther from the rest of its component than that is
-                    // wide. (No legal collapse makes a part vanish.)
-                    let error = if rules == Rules::Relaxed { self.watched.diameter } else { f32::MAX };
-                    Rewritten { error, rewriters: 0.0 }
-                })
-            }
-            (None, rules) => {
-                let own = self.metric.error(&gone_quadric, &self.mesh.vertices[stays as usize].quadric, d);
-                let error = match rules {
-                    Rules::Strict => own,
-                    Rules::Relaxed => own.max(end_phase_error(&self.mesh, gone, stays, &self.rings.gone)),
-                };
-                Rewritten { error, rewriters: 0.0 }
-            }
-        };
+        let Rewritten { error: own, rewriters: other_rewriters } = self.error_of(gone, stays, d);
         let born = self.mesh.nodes[gone as usize];
         let kept = self.mesh.nodes[stays as usize];
         let star = self.mesh.star(gone).iter();
@@ -284,6 +267,29 @@ impl<M: CollapseMetric> Engine<M> {
             *lost = lost.max(switch);
         }
         self.write_down(gone, stays, switch, order);
+    }
+
+    /// The error of the collapse of `gone`, whose ring is at hand, onto `stays`, and what it depends on beyond the triangles
+    /// around `gone`.
+    fn error_of(&mut self, gone: u32, stays: u32, d: [f32; 3]) -> Rewritten {
+        let Engine { mesh, metric, rules, rewriter, rings, watched, .. } = self;
+        let is_relaxed = *rules == Rules::Relaxed;
+        match rewriter {
+            Some(rewriter) => {
+                // Nothing of a component is farther from what is left of it than it is wide, even if a part of it has
+                // vanished. (No legal collapse makes a part vanish.)
+                let most = if is_relaxed { watched.diameter } else { f32::MAX };
+                let rewritten = rewriter.measure(mesh, gone, stays, &rings.gone);
+                let Rewritten { error, rewriters } = rewritten.unwrap_or(Rewritten { error: most, rewriters: 0.0 });
+                Rewritten { error: error.min(most), rewriters }
+            }
+            None => {
+                let [gone_quadric, stays_quadric] = [gone, stays].map(|end| &mesh.vertices[end as usize].quadric);
+                let error = metric.error(gone_quadric, stays_quadric, d);
+                let error = if is_relaxed { error.max(end_phase_error(mesh, gone, stays, &rings.gone)) } else { error };
+                Rewritten { error, rewriters: 0.0 }
+            }
+        }
     }
 
     /// Makes the node of `gone` a child of that of `stays`, and logs it.

@@ -51,7 +51,7 @@ pub(super) fn run<M: CollapseMetric, E>(
     for vertices in vertices.chunk_by(|a, b| a.0 == b.0) {
         let component = vertices[0].0;
         let triangles = triangles.next_if(|triangles| triangles[0].0 == component).unwrap_or_default();
-        let diameter = (components.diameter(component) / engine.unit()) as f32;
+        let diameter = ((components.diameter(component) / engine.unit()) as f32).next_up();
         engine.watched = Watched { triangles: triangles.len() as u32, diameter };
         let mut order = 0;
         collapse_all(engine, triangles, &mut heap, &mut order);
