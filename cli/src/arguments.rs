@@ -134,7 +134,8 @@ pub struct BuildOptions {
     #[arg(long, default_value_t = Strategy::Passes, value_parser = one_of(&Strategy::ALL))]
     pub strategy: Strategy,
     /// What the errors of the model are: default, proven bounds on the distance from any point of the mesh to the surface
-    /// drawn; fast, the same, looser and built faster; tight, tighter and slower; or none, the metric's estimates.
+    /// drawn; fast, the same, looser and built faster; tight, tighter and slower; two-sided, as default, and from any point
+    /// of the surface to the mesh; or none, the metric's estimates.
     #[arg(long, default_value_t, value_parser = one_of(&ErrorBound::ALL))]
     pub error_bound: ErrorBound,
     /// The B-tree of edges on disk for btree: redb, or sled where the memory is what sled was measured to need.

@@ -21,7 +21,11 @@ pub fn tell(report: &mut Report, said: &Statement, header: &Header) {
         "error",
         match said.guaranteed {
             true if stated == 0.0 => "none: this is the mesh itself".into(),
-            true => format!("guaranteed: every point of the input lies within {} of this surface", bound(stated)),
+            true => {
+                let text =
+                    format!("guaranteed: every point of the input lies within {} of this surface", bound(stated));
+                if said.is_two_sided { format!("{text}, and every point of it of the input") } else { text }
+            }
             false => format!("{} {}", length(stated), why_not_guaranteed(header.error_bound)),
         },
     );
@@ -51,6 +55,7 @@ pub fn why_not_guaranteed(error_bound: ErrorBound) -> &'static str {
 pub fn add_to(document: &mut Value, said: &Statement, header: &Header) {
     document["error_stated"] = json!(said.error_stated);
     document["guaranteed"] = json!(said.guaranteed);
+    document["two_sided"] = json!(said.is_two_sided);
     document["error_drawn"] = json!(said.error_drawn);
     document["vanished_parts"] = json!(said.vanished_parts);
     document["vanished_diameter"] = json!(said.vanished_diameter);

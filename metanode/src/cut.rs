@@ -409,6 +409,7 @@ mod tests {
         Statement {
             error_stated: vanished_distance.map_or(largest_switch, |distance| distance.max(error_drawn)),
             guaranteed: vanished_distance.is_some(),
+            is_two_sided: vanished_distance.is_some() && error_drawn == 0.0,
             error_drawn,
             vanished_parts: vanished.len() as u32,
             vanished_diameter: length_not_below(vanished.iter().map(diameter).fold(0.0, f64::max)),

@@ -20,7 +20,8 @@
 //!    104      4  largest switch value, f32
 //!    108      4  metric: 0 quadric, 1 length
 //!    112      4  strategy: 0 passes (frozen-batch rounds), 1 btree (the paper's priority queue)
-//!    116      4  what the switch values are: 0 the metric's error, 1, 2, 3 the certified bound fast, default, tight
+//!    116      4  what the switch values are: 0 the metric's error, 1 to 4 the certified bound fast, default, tight,
+//!                two-sided
 //!    120      4  blocking: 0 forest, 1 levels
 //!    124      4  blocking parameter: forest: slot bytes asked for; levels: levels of a meta-node
 //!    128      4  blocking parameter: forest: most child pages of a page; levels: 0
@@ -225,6 +226,7 @@ impl Header {
             ErrorBound::Fast => 1,
             ErrorBound::Default => 2,
             ErrorBound::Tight => 3,
+            ErrorBound::TwoSided => 4,
         };
         for word in [metric, strategy, error_bound, blocking, first_parameter, second_parameter] {
             bytes.extend(word.to_le_bytes());
@@ -292,6 +294,7 @@ impl Header {
                 1 => ErrorBound::Fast,
                 2 => ErrorBound::Default,
                 3 => ErrorBound::Tight,
+                4 => ErrorBound::TwoSided,
                 other => return Err(damaged(format!("error bound {other}"))),
             },
             blocking: match word(120) {

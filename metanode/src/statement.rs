@@ -20,7 +20,9 @@ pub struct Statement {
     pub error_stated: f32,
     /// Whether that is proven; else it is the metric's estimate, or a bound outside of what it was proven for.
     pub guaranteed: bool,
-    /// The same for the points of the parts that are drawn at least in part.
+    /// Whether it is proven, too, that no point of the surface is farther than `error_drawn` from the input.
+    pub is_two_sided: bool,
+    /// The same as `error_stated`, for the points of the parts that are drawn at least in part.
     pub error_drawn: f32,
     /// Parts (trees, that is components) that are not drawn at all.
     pub vanished_parts: u32,
@@ -55,9 +57,11 @@ impl Statement {
             Some(distance) => (error_drawn.max(distance), true),
             None => (header.largest_switch, false),
         };
+        let guaranteed = is_drawn && is_proven(header, is_a_state, largest_switch);
         Statement {
             error_stated,
-            guaranteed: is_drawn && is_proven(header, is_a_state, largest_switch),
+            guaranteed,
+            is_two_sided: guaranteed && (header.error_bound.is_two_sided() || largest_switch == 0.0),
             error_drawn,
             vanished_parts: vanished.count(),
             vanished_diameter: vanished.diameter(),
@@ -115,12 +119,26 @@ mod tests {
             let drawn = Drawn { largest_switch, is_a_state, vanished: &vanished };
             Statement::new(&crate::header::Header { error_bound, ..header }, drawn).guaranteed
         };
-        for error_bound in [ErrorBound::Fast, ErrorBound::Default, ErrorBound::Tight] {
+        for error_bound in ErrorBound::ALL.into_iter().filter(|bound| bound.is_certified()) {
             assert!(
                 proven(error_bound, true, 1.0) && !proven(error_bound, false, 1.0) && proven(error_bound, false, 0.0)
             );
         }
         assert!(!proven(ErrorBound::None, true, 1.0) && proven(ErrorBound::None, false, 0.0));
+    }
+
+    #[test]
+    fn a_statement_is_two_sided_where_the_bound_is() {
+        let header = *some_model().header();
+        let vanished = VanishedParts::default();
+        for error_bound in ErrorBound::ALL {
+            for (is_a_state, largest_switch) in [(true, 1.0), (false, 1.0), (false, 0.0)] {
+                let header = crate::header::Header { error_bound, ..header };
+                let said = Statement::new(&header, Drawn { largest_switch, is_a_state, vanished: &vanished });
+                let expected = largest_switch == 0.0 || is_a_state && error_bound == ErrorBound::TwoSided;
+                assert_eq!(said.is_two_sided, expected, "{error_bound} {is_a_state} {largest_switch}");
+            }
+        }
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The certified switch values, held against distances by brute force: every point of the input lies within the largest
-//! switch value of the nodes of a cut from the mesh of the cut, whatever the mesh, the order and the cut.
+//! switch value of the nodes of a cut from the mesh of the cut, whatever the mesh, the order and the cut; and with the
+//! two-sided bound every point of the cut from the input.
 
 // A test says what it expects by unwrapping.
 #![allow(clippy::unwrap_used)]
@@ -17,7 +18,7 @@ fn core(mesh: &RawMesh) -> CoreMesh {
 }
 
 fn any_bound() -> impl Strategy<Value = ErrorBound> {
-    prop::sample::select(vec![ErrorBound::Fast, ErrorBound::Default, ErrorBound::Tight])
+    prop::sample::select(ErrorBound::ALL[1..].to_vec())
 }
 
 fn any_order() -> impl Strategy<Value = (Metric, Order)> {
@@ -32,8 +33,9 @@ fn switch(tree: &Tree, node: Node) -> f32 {
     if node.split == NO_SPLIT { 0.0 } else { tree.splits[node.split as usize].switch }
 }
 
-/// How far the input is from a cut, and what the cut states. Of the input those trees count of which anything is drawn.
-fn measured_and_stated(tree: &Tree, active: &[Node], steps: u32) -> (f64, f64) {
+/// How far the input is from a cut, how far the cut is from the input, and what the cut states. Of the input those trees
+/// count of which anything is drawn.
+fn measured_and_stated(tree: &Tree, active: &[Node], steps: u32) -> ([f64; 2], f64) {
     let place = |leaf: u32| tree.positions[leaf as usize].map(f64::from);
     let drawn = cut::triangles(tree, active);
     let surface: Vec<_> = drawn.iter().map(|corners| corners.map(place)).collect();
@@ -42,14 +44,18 @@ fn measured_and_stated(tree: &Tree, active: &[Node], steps: u32) -> (f64, f64) {
     drawn.iter().for_each(|corners| is_drawn[tree_of(corners[0])] = true);
     let input = tree.triangles.corners.iter().filter(|corners| is_drawn[tree_of(corners[0])]);
     let points = input.flat_map(|corners| points_of(corners.map(place), steps));
-    let measured = points.map(|point| to_triangles(point, &surface)).fold(0.0, f64::max);
+    let there = points.map(|point| to_triangles(point, &surface)).fold(0.0, f64::max);
+    let input: Vec<_> = tree.triangles.corners.iter().map(|corners| corners.map(place)).collect();
+    let points = surface.iter().flat_map(|triangle| points_of(*triangle, steps));
+    let back = points.map(|point| to_triangles(point, &input)).fold(0.0, f64::max);
     let stated = active.iter().filter(|node| is_drawn[tree_of(node.start)]).map(|node| switch(tree, *node));
-    (measured, stated.fold(0.0, f32::max).into())
+    ([there, back], stated.fold(0.0, f32::max).into())
 }
 
-/// Fails where the input is farther from a cut than that states.
-fn check(tree: &Tree, active: &[Node], steps: u32) -> Result<f64, TestCaseError> {
-    let (measured, stated) = measured_and_stated(tree, active, steps);
+/// Fails where the input is farther from a cut than that states, or with a two-sided bound the cut from the input.
+fn check(tree: &Tree, active: &[Node], steps: u32, bound: ErrorBound) -> Result<f64, TestCaseError> {
+    let ([there, back], stated) = measured_and_stated(tree, active, steps);
+    let measured = if bound.is_two_sided() { there.max(back) } else { there };
     // The reference computes with doubles, on coordinates up to 200.
     prop_assert!(measured <= stated + 1e-11, "{} is stated, and {} measured", stated, measured);
     Ok(if measured > 0.0 { stated / measured } else { 1.0 })
@@ -112,7 +118,7 @@ impl Parents {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 100, ..ProptestConfig::default() })]
 
     #[test]
     fn the_input_is_no_farther_from_a_uniform_cut_than_stated(
@@ -121,7 +127,7 @@ proptest! {
         let tree = tree_with(&core(&mesh), metric, order, bound);
         for threshold in thresholds(&tree, 12) {
             let active = cut::cut(&tree, |node| switch(&tree, node) > threshold);
-            check(&tree, &active, 4)?;
+            check(&tree, &active, 4, bound)?;
         }
     }
 
@@ -139,7 +145,7 @@ proptest! {
                 let is_coarse = tree.positions[node.start as usize][axis] > border;
                 switch(&tree, node) > threshold * if is_coarse { coarse } else { 1.0 }
             });
-            check(&tree, &close(&tree, active), 4)?;
+            check(&tree, &close(&tree, active), 4, bound)?;
         }
     }
 }
@@ -150,19 +156,19 @@ proptest! {
 fn what_is_stated_is_near_what_is_measured() {
     for mesh in [sphere(4, 0.0, 1), torus(40, 24, 0.02, 2), sheet(30, 30, 0.3, 0, 3)] {
         let mut medians = Vec::new();
-        for bound in [ErrorBound::Fast, ErrorBound::Default, ErrorBound::Tight] {
+        for bound in [ErrorBound::Fast, ErrorBound::Default, ErrorBound::Tight, ErrorBound::TwoSided] {
             let tree = tree_with(&core(&mesh), Metric::Quadric, Order::Passes, bound);
             let mut ratios: Vec<f64> = thresholds(&tree, 20)[10..19]
                 .iter()
                 .map(|threshold| {
                     let active = cut::cut(&tree, |node| switch(&tree, node) > *threshold);
-                    check(&tree, &active, 6).unwrap()
+                    check(&tree, &active, 4, bound).unwrap()
                 })
                 .collect();
             ratios.sort_by(f64::total_cmp);
             medians.push(ratios[ratios.len() / 2]);
         }
         assert!(medians[0] < 3.0 && medians[1] < 2.0 && medians[2] < 1.6, "{medians:?}");
-        assert!(medians.is_sorted_by(|a, b| a >= b), "{medians:?}");
+        assert!(medians[..3].is_sorted_by(|a, b| a >= b) && medians[3] < 3.0, "{medians:?}");
     }
 }

@@ -49,7 +49,7 @@ fn memory_changes_no_switch_value_of_any_bound() {
     let place = workplace!();
     place.json("generate terrain --triangles 250000 --seed 7 -o mesh.ply");
     let mut digests = Vec::new();
-    for bound in ["none", "fast", "default", "tight"] {
+    for bound in ["none", "fast", "default", "tight", "two-sided"] {
         let in_core = build(&place, &format!("--memory 1G --error-bound {bound}"));
         let external = build(&place, &format!("--memory 26M --threads 2 --error-bound {bound}"));
         assert!(external["scratch_peak_bytes"].as_u64().unwrap() > 250_000 * 20);
@@ -58,7 +58,7 @@ fn memory_changes_no_switch_value_of_any_bound() {
     }
     digests.sort();
     digests.dedup();
-    assert_eq!(digests.len(), 4);
+    assert_eq!(digests.len(), 5);
 }
 
 #[test]

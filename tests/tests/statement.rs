@@ -205,16 +205,19 @@ fn what_is_said_in_words() {
         "{nothing}"
     );
 
-    for error_bound in ["fast", "default", "tight"] {
+    for error_bound in ["fast", "default", "tight", "two-sided"] {
         place.json(&format!("build boxes.ply -o m.vdt --force --error-bound {error_bound}"));
         assert!(
             line("info m.vdt", "errors").unwrap().ends_with(&format!("certified bounds, error bound {error_bound}"))
         );
         let said = extract("--error 2%", "error").unwrap();
         let within = said.strip_prefix("guaranteed: every point of the input lies within ").unwrap();
-        let within: f64 = within.strip_suffix(" of this surface").unwrap().parse().unwrap();
+        let two_sided = error_bound == "two-sided";
+        let rest = if two_sided { " of this surface, and every point of it of the input" } else { " of this surface" };
+        let within: f64 = within.strip_suffix(rest).unwrap().parse().unwrap();
         let document = place.json("extract m.vdt -o cut.ply --force --error 2%");
         assert_eq!((&document["guaranteed"], &document["error_bound"]), (&true.into(), &error_bound.into()));
+        assert_eq!(document["two_sided"], two_sided);
         let stated = number(&document, "error_stated");
         assert!(within >= stated && within < stated * 1.001, "{within} {stated}");
         let vanished = extract("--error 2%", "vanished").unwrap();

@@ -192,6 +192,7 @@ fn bound_nanoseconds(bound: ErrorBound) -> f64 {
         ErrorBound::Fast => 500.0,
         ErrorBound::Default => 1300.0,
         ErrorBound::Tight => 2700.0,
+        ErrorBound::TwoSided => 1900.0,
     }
 }
 

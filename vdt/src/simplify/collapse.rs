@@ -151,7 +151,7 @@ impl<M: CollapseMetric> Engine<M> {
             rules: Rules::Strict,
             watched: Watched::default(),
             rings: Rings::default(),
-            rewriter: bound.is_certified().then(|| Rewriter::new(bound.pieces() - 1)),
+            rewriter: bound.is_certified().then(|| Rewriter::new(bound)),
             dead: Vec::new(),
             round: 0,
             collapses: Vec::new(),

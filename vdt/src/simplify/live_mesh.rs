@@ -14,6 +14,8 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::ingest::power_of_two;
 
+use crate::tree::ErrorBound;
+
 use super::bound::Covers;
 use super::metric::Quadric;
 
@@ -234,9 +236,9 @@ fn room_for(degree: usize) -> usize {
 }
 
 impl LiveMesh {
-    /// A mesh without anything in it. `corner`, in mesh units, is one of the box of the whole mesh. `is_bound_kept`:
-    /// whether it is noted what each triangle answers for.
-    pub fn new(normalisation: Normalisation, corner: [f32; 3], is_bound_kept: bool) -> Self {
+    /// A mesh without anything in it. `corner`, in mesh units, is one of the box of the whole mesh. `bound`
+    /// says what is noted of each triangle.
+    pub fn new(normalisation: Normalisation, corner: [f32; 3], bound: ErrorBound) -> Self {
         LiveMesh {
             normalisation,
             reference: normalisation.apply(corner),
@@ -244,7 +246,7 @@ impl LiveMesh {
             nodes: Vec::new(),
             triangles: Vec::new(),
             triangle_ids: Vec::new(),
-            covers: Covers::new(is_bound_kept),
+            covers: Covers::new(bound),
             pool: Vec::new(),
             packed_pool: 0,
             places: Vec::new(),
@@ -266,7 +268,7 @@ impl LiveMesh {
     /// Lets go of everything in it, and of the memory that it took.
     pub fn release(&mut self) {
         let LiveMesh { normalisation, reference, .. } = *self;
-        *self = LiveMesh { reference, ..LiveMesh::new(normalisation, [0.0; 3], self.covers.is_kept()) };
+        *self = LiveMesh { reference, ..LiveMesh::new(normalisation, [0.0; 3], self.covers.bound()) };
     }
 
     /// Appends a vertex, whose canonical id is larger than all before.

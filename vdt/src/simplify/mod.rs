@@ -128,7 +128,7 @@ pub fn scratch_bytes(triangles: u64, memory: ByteSize, threads: usize, bound: Er
     let for_pieces = match bound {
         ErrorBound::None => 0,
         ErrorBound::Fast => 2,
-        ErrorBound::Default => 32,
+        ErrorBound::Default | ErrorBound::TwoSided => 32,
         ErrorBound::Tight => 85,
     };
     (triangles * (for_each + for_pieces)).saturating_sub(memory.0 / 4)
@@ -237,7 +237,7 @@ fn load<M: CollapseMetric>(
     bound: ErrorBound,
     scratch: &Scratch,
 ) -> Result<Left<M>, StorageError> {
-    let mut live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0], bound.is_certified());
+    let mut live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0], bound);
     let everything = [mesh.positions.len(), mesh.triangles.len()].map(|count| [0, count as u32]);
     let (positions, corners) = (&mesh.positions, &mesh.triangles);
     initial::load(&mut live, positions, corners, everything, &[], metric.uses_quadrics(), &mut Vec::new())?;

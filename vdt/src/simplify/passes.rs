@@ -135,7 +135,7 @@ struct Workspace<M> {
 
 impl<M: CollapseMetric> Workspace<M> {
     fn new(mesh: &StoredMesh, metric: M, bound: ErrorBound) -> Self {
-        let live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0], bound.is_certified());
+        let live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0], bound);
         Workspace {
             engine: Engine::new(live, metric, mesh.exponent, bound),
             batch: Batch::default(),
@@ -236,7 +236,7 @@ impl Pass<'_> {
     }
 
     fn piece_writer(&self, name: &str) -> PieceWriter {
-        PieceWriter::new(self.scratch, name, self.plan.buffer_bytes)
+        PieceWriter::new(self.scratch, name, self.plan.bound, self.plan.buffer_bytes)
     }
 
     /// Does block `number`, which is loaded. Returns what is settled of it, its seam, and how many edges were in its
@@ -553,7 +553,7 @@ impl EndPhase<'_> {
         if elsewhere.is_empty() {
             return Ok((roots, None));
         }
-        let writer = PieceWriter::new(self.scratch, "parts", self.plan.buffer_bytes);
+        let writer = PieceWriter::new(self.scratch, "parts", self.plan.bound, self.plan.buffer_bytes);
         let piece = writer.write(&engine.mesh, spans, |_| true, |_| true, places)?;
         let undecided = Spool::from_vec(Vec::new());
         Ok((roots, Some(Seam { first, last, pieces: vec![(first, piece)], undecided })))

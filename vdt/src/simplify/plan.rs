@@ -11,14 +11,16 @@ fn live_bytes(bound: ErrorBound) -> u64 {
     bare_bytes(bound)
         + match bound {
             ErrorBound::None | ErrorBound::Fast => 0,
-            ErrorBound::Default => CUT_PIECE_BYTES * 3 / 8,
+            ErrorBound::Default | ErrorBound::TwoSided => CUT_PIECE_BYTES * 3 / 8,
             ErrorBound::Tight => CUT_PIECE_BYTES * 17 / 16,
         }
 }
 
 /// The same, without pieces.
 fn bare_bytes(bound: ErrorBound) -> u64 {
-    120 + if bound.is_certified() { size_of::<Cover>() as u64 } else { 0 }
+    let cover = if bound.is_certified() { size_of::<Cover>() } else { 0 };
+    let reverse = if bound.is_two_sided() { size_of::<f32>() } else { 0 };
+    (120 + cover + reverse) as u64
 }
 
 const CUT_PIECE_BYTES: u64 = size_of::<CutPiece>() as u64;

@@ -14,6 +14,7 @@ use storage::{Scratch, Spool, SpoolWriter, StorageError};
 use super::bound::Piece as CutPiece;
 use super::live_mesh::{LiveMesh, Node, Triangle, Vertex};
 use super::metric::Quadric;
+use crate::tree::ErrorBound;
 
 /// A vertex that is left. 92 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -107,6 +108,8 @@ pub(super) struct Piece {
     pub triangles: Spool<TriangleRecord>,
     /// The pieces of earlier surface that its triangles keep, in their order; of each triangle, the last one first.
     pub cut_pieces: Spool<CutPiece>,
+    /// The reverse bounds of its triangles, where such are kept.
+    reverses: Option<Spool<f32>>,
 }
 
 /// The stores of a piece being written.
@@ -115,15 +118,17 @@ pub(super) struct PieceWriter {
     vertices: SpoolWriter<VertexRecord>,
     triangles: SpoolWriter<TriangleRecord>,
     cut_pieces: SpoolWriter<CutPiece>,
+    reverses: Option<SpoolWriter<f32>>,
 }
 
 impl PieceWriter {
     /// Within so many bytes of RAM while it is written; none of it stays there.
-    pub fn new(scratch: &Scratch, name: &str, ram_bytes: usize) -> Self {
+    pub fn new(scratch: &Scratch, name: &str, bound: ErrorBound, ram_bytes: usize) -> Self {
         PieceWriter {
             vertices: SpoolWriter::to_disk(scratch, name, ram_bytes / 2),
             triangles: SpoolWriter::to_disk(scratch, name, ram_bytes / 4),
             cut_pieces: SpoolWriter::to_disk(scratch, name, ram_bytes / 4),
+            reverses: bound.is_two_sided().then(|| SpoolWriter::to_disk(scratch, name, ram_bytes / 8)),
         }
     }
 
@@ -164,6 +169,9 @@ impl PieceWriter {
             let cover = mesh.covers.of(triangle);
             let id = mesh.triangle_ids[triangle];
             self.triangles.push(TriangleRecord { corners, id, switch, residual: cover.residual })?;
+            if let Some(reverses) = &mut self.reverses {
+                reverses.push(mesh.covers.reverse(triangle))?;
+            }
             kept.extend(mesh.covers.pieces(cover));
             while let Some(piece) = kept.pop() {
                 self.cut_pieces.push(piece.owned_by(place))?;
@@ -173,6 +181,7 @@ impl PieceWriter {
             vertices: self.vertices.finish_on_disk()?,
             triangles: self.triangles.finish_on_disk()?,
             cut_pieces: self.cut_pieces.finish_on_disk()?,
+            reverses: self.reverses.map(SpoolWriter::finish_on_disk).transpose()?,
         })
     }
 }
@@ -240,6 +249,14 @@ pub(super) fn read_pieces<'a>(
         let mut reader = piece.cut_pieces.reader(256 << 10);
         while let Some(cut_piece) = reader.next()? {
             mesh.covers.add_piece(first + cut_piece.owner() as usize, &cut_piece);
+        }
+        if let Some(reverses) = &piece.reverses {
+            let mut reader = reverses.reader(64 << 10);
+            for triangle in first..mesh.triangles.len() {
+                if let Some(reverse) = reader.next()? {
+                    mesh.covers.set_reverse(triangle, reverse);
+                }
+            }
         }
     }
     mesh.build_stars();

@@ -40,6 +40,9 @@ pub enum ErrorBound {
     Default,
     /// Certified, with four pieces kept for each triangle.
     Tight,
+    /// Certified in both directions: it also bounds how far any point of the surface is from the input. Else as the
+    /// default.
+    TwoSided,
 }
 
 /// A name that stands for nothing.
@@ -73,11 +76,17 @@ impl Strategy {
 
 impl ErrorBound {
     /// All there are.
-    pub const ALL: [ErrorBound; 4] = [ErrorBound::None, ErrorBound::Fast, ErrorBound::Default, ErrorBound::Tight];
+    pub const ALL: [ErrorBound; 5] =
+        [ErrorBound::None, ErrorBound::Fast, ErrorBound::Default, ErrorBound::Tight, ErrorBound::TwoSided];
 
     /// Whether switch values are proven bounds.
     pub fn is_certified(self) -> bool {
         self != ErrorBound::None
+    }
+
+    /// Whether they bound the distance from any point of the surface to the input, too.
+    pub fn is_two_sided(self) -> bool {
+        self == ErrorBound::TwoSided
     }
 
     /// Pieces of finer surfaces that are kept for each triangle while the mesh is simplified; 0 without a bound.
@@ -85,7 +94,7 @@ impl ErrorBound {
         match self {
             ErrorBound::None => 0,
             ErrorBound::Fast => 1,
-            ErrorBound::Default => 2,
+            ErrorBound::Default | ErrorBound::TwoSided => 2,
             ErrorBound::Tight => 4,
         }
     }
@@ -116,6 +125,7 @@ impl fmt::Display for ErrorBound {
             ErrorBound::Fast => "fast",
             ErrorBound::Default => "default",
             ErrorBound::Tight => "tight",
+            ErrorBound::TwoSided => "two-sided",
         })
     }
 }

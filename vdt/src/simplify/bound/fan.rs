@@ -19,8 +19,12 @@ pub(super) struct Fan {
 impl Fan {
     /// How many triangles are left of it.
     pub fn sectors(&self) -> usize {
-        let is_closed = self.corners.first() == self.corners.last();
-        self.order.len().saturating_sub(if is_closed { 2 } else { 1 })
+        self.order.len().saturating_sub(if self.is_closed() { 2 } else { 1 })
+    }
+
+    /// Whether the last triangle is next to the first one.
+    pub fn is_closed(&self) -> bool {
+        self.corners.first() == self.corners.last()
     }
 
     /// Puts a ring in order: it has, for each triangle around a vertex, the corners after it. `false` where the triangles

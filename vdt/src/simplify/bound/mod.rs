@@ -5,6 +5,7 @@
 //! |---|---|
 //! | [`pieces`] | what each triangle answers for: a residual, and pieces of earlier surface |
 //! | [`rewrite`] | hands all of it on when a collapse rewrites triangles, at distances that are bounds |
+//! | [`reverse`] | the other direction: how far new triangles are from the input |
 //! | [`fan`] | the triangles around a vertex, in order |
 //! | [`cut`] | cuts pieces along the edges of the new triangles |
 //! | [`distance`] | distances from above, eight at a time |
@@ -19,7 +20,16 @@ mod distance;
 mod fan;
 mod lanes;
 mod pieces;
+mod reverse;
 mod rewrite;
 
 pub(super) use pieces::{Cover, Covers, MOST_PIECES, Piece};
 pub(super) use rewrite::{Rewriter, Rewritten};
+
+fn minus(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn square(vector: [f32; 3]) -> f32 {
+    vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]
+}

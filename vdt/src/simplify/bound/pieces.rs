@@ -4,10 +4,15 @@
 //! itself. Before the first collapse, a triangle's residual is 0: it is the input. Pieces are kept as they are, and
 //! measured anew at every collapse around them, so errors add up only where a piece is let go into the residual.
 //!
-//! Memory: 8 bytes for each triangle, 56 for each piece that there is. Pieces lie in chunks, so that their number can grow
+//! For bounds in both directions, each triangle also has its *reverse* bound: every point of it lies within that of a point
+//! of the input.
+//!
+//! Memory: 8 bytes for each triangle, 4 more for the reverse bounds, 56 for each piece that there is. Pieces lie in chunks, so that their number can grow
 //! without a copy; each triangle's form a list.
 
 use bytemuck::{Pod, Zeroable};
+
+use crate::tree::ErrorBound;
 
 /// The most corners that a piece can have. (Nearly all parts of what is cut have three or four: of those kept on a scan of
 /// 269 K triangles, with room for six, 84 % three, 15 % four, 0.5 % more.)
@@ -84,9 +89,11 @@ const CHUNK: usize = 1 << CHUNK_SHIFT;
 /// What all triangles of a mesh answer for.
 #[derive(Debug)]
 pub(in crate::simplify) struct Covers {
+    bound: ErrorBound,
     /// Of each triangle; nobody's where no bound is kept.
     of_triangles: Vec<Cover>,
-    is_kept: bool,
+    /// The reverse bounds, where they are kept.
+    reverses: Vec<f32>,
     chunks: Vec<Box<[Piece; CHUNK]>>,
     /// How many places for pieces were ever used.
     used: u32,
@@ -96,31 +103,54 @@ pub(in crate::simplify) struct Covers {
 }
 
 impl Covers {
-    /// Of no triangles yet. Without `is_kept`, nothing is ever noted.
-    pub fn new(is_kept: bool) -> Self {
-        Covers { of_triangles: Vec::new(), is_kept, chunks: Vec::new(), used: 0, free: END, live: 0 }
+    /// Of no triangles yet. Without a certified bound, nothing is ever noted.
+    pub fn new(bound: ErrorBound) -> Self {
+        let (of_triangles, reverses, chunks) = Default::default();
+        Covers { bound, of_triangles, reverses, chunks, used: 0, free: END, live: 0 }
     }
 
-    pub fn is_kept(&self) -> bool {
-        self.is_kept
+    /// For which bound they are noted.
+    pub fn bound(&self) -> ErrorBound {
+        self.bound
     }
 
     /// Forgets all, but keeps the memory.
     pub fn clear(&mut self) {
         self.of_triangles.clear();
+        self.reverses.clear();
         (self.used, self.free, self.live) = (0, END, 0);
     }
 
     pub fn reserve(&mut self, triangles: usize) {
-        if self.is_kept {
+        if self.bound.is_certified() {
             self.of_triangles.reserve_exact(triangles);
+        }
+        if self.bound.is_two_sided() {
+            self.reverses.reserve_exact(triangles);
         }
     }
 
-    /// Appends a triangle that keeps no pieces yet.
+    /// Appends a triangle that keeps no pieces yet, with a reverse bound of 0.
     pub fn push(&mut self, residual: f32) {
-        if self.is_kept {
+        if self.bound.is_certified() {
             self.of_triangles.push(Cover::without_pieces(residual));
+        }
+        if self.bound.is_two_sided() {
+            self.reverses.push(0.0);
+        }
+    }
+
+    /// How far, at most, a point of a triangle lies from the input, normalised; 0 where that is not noted.
+    #[inline]
+    pub fn reverse(&self, triangle: usize) -> f32 {
+        self.reverses.get(triangle).copied().unwrap_or(0.0)
+    }
+
+    /// Notes the reverse bound of a triangle, if such are noted.
+    #[inline]
+    pub fn set_reverse(&mut self, triangle: usize, reverse: f32) {
+        if let Some(place) = self.reverses.get_mut(triangle) {
+            *place = reverse;
         }
     }
 
@@ -188,14 +218,18 @@ impl Covers {
 
     /// Moves what a triangle answers for to another number, which is not larger.
     pub fn renumber(&mut self, old: usize, new: usize) {
-        if self.is_kept {
+        if self.bound.is_certified() {
             self.of_triangles[new] = self.of_triangles[old];
+        }
+        if self.bound.is_two_sided() {
+            self.reverses[new] = self.reverses[old];
         }
     }
 
     /// Forgets the triangles from this number on, which keep no pieces (any more).
     pub fn truncate(&mut self, triangles: usize) {
         self.of_triangles.truncate(triangles);
+        self.reverses.truncate(triangles);
     }
 
     /// Pieces that there are.
@@ -250,7 +284,7 @@ mod tests {
         fn triangles_keep_the_pieces_that_they_were_given(
             steps in prop::collection::vec((0..40_usize, 0..4_u32), 0..3000),
         ) {
-            let mut covers = Covers::new(true);
+            let mut covers = Covers::new(ErrorBound::Tight);
             let mut expected: Vec<Vec<f32>> = vec![Vec::new(); 40];
             (0..40).for_each(|_| covers.push(0.0));
             let mut most = 0;
@@ -276,10 +310,11 @@ mod tests {
 
     #[test]
     fn without_a_bound_nothing_is_noted() {
-        let mut covers = Covers::new(false);
+        let mut covers = Covers::new(ErrorBound::None);
         covers.push(0.25);
         covers.add_piece(0, &piece(1));
         covers.set(0, 0.5);
-        assert_eq!((covers.of(0), covers.piece_count()), (Cover::INPUT, 0));
+        covers.set_reverse(0, 0.5);
+        assert_eq!((covers.of(0), covers.piece_count(), covers.reverse(0)), (Cover::INPUT, 0, 0.0));
     }
 }

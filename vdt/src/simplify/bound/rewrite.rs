@@ -19,15 +19,27 @@ use super::distance::{ROUNDING, Triangles};
 use super::fan::Fan;
 use super::lanes::{LANES, Lanes, Vectors};
 use super::pieces::{Cover, MOST_CORNERS, MOST_PIECES, Piece};
+use super::reverse::Reverse;
+use super::{minus, square};
 use crate::simplify::live_mesh::LiveMesh;
+use crate::tree::ErrorBound;
 
 /// A piece is not cut as long as it is no farther than this times what need be.
 const TOLERANCE: f32 = 1.05;
 /// Sums of two or three numbers, times this, are above what they are without rounding.
-const ROUND_UP: f32 = 1.0 + 1.0 / (1 << 21) as f32;
+pub(super) const ROUND_UP: f32 = 1.0 + 1.0 / (1 << 21) as f32;
 /// A point on a side, worked out in single precision, is off by less than this part of the longest vector and of the
 /// coordinates of the vertex that stays.
 const PLACE_ROUNDING: f32 = 1.0 / (1 << 21) as f32;
+
+/// What is allowed for rounding in a collapse.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Rounding {
+    /// Added to distances.
+    pub of_distances: f32,
+    /// How far a place on a side, worked out, may be off.
+    pub of_places: f32,
+}
 
 /// A new triangle, and what is handed to it.
 #[derive(Debug, Clone, Copy)]
@@ -80,6 +92,8 @@ pub(in crate::simplify) struct Rewriter {
     lanes: Vec<Triangles>,
     /// For each target, the squared distance of the vertex that goes.
     from_gone: Vec<f32>,
+    /// The target that the vertex that goes is nearest to.
+    nearest: usize,
     /// Where each spoke ends, relative to the vertex that stays.
     spokes: Vec<[f32; 3]>,
     /// Pieces that the old triangles keep, then parts of what was cut.
@@ -90,38 +104,31 @@ pub(in crate::simplify) struct Rewriter {
     rows: Vec<Lanes>,
     /// Pieces that targets are to keep, by the number of the target, in the order in which they are to be added.
     to_be_kept: Vec<(usize, Piece)>,
-    /// What is added to a distance for rounding, and to a place on a side.
-    rounding: f32,
-    place_rounding: f32,
+    /// The other direction, where that is asked for.
+    reverse: Option<Reverse>,
+    rounding: Rounding,
     error: f32,
 }
 
-fn minus(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn square(vector: [f32; 3]) -> f32 {
-    vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]
-}
-
 impl Rewriter {
-    /// For triangles that keep at most so many pieces.
-    pub fn new(most_kept: usize) -> Self {
+    /// For a bound that is certified.
+    pub fn new(bound: ErrorBound) -> Self {
         Rewriter {
-            most_kept: most_kept.min(MOST_PIECES),
+            most_kept: bound.pieces().saturating_sub(1).min(MOST_PIECES),
             fan: Fan::default(),
             cutter: Cutter::default(),
             old_triangles: Vec::new(),
             targets: Vec::new(),
             lanes: Vec::new(),
             from_gone: Vec::new(),
+            nearest: 0,
             spokes: Vec::new(),
             collected: Vec::new(),
             points: Vec::new(),
             rows: Vec::new(),
             to_be_kept: Vec::new(),
-            rounding: 0.0,
-            place_rounding: 0.0,
+            reverse: bound.is_two_sided().then(Reverse::default),
+            rounding: Rounding::default(),
             error: 0.0,
         }
     }
@@ -144,12 +151,28 @@ impl Rewriter {
                 self.add_target(mesh, self.old_triangles[self.fan.order[number]], true, origin, corners);
             }
             self.collect_fan(mesh, gone, origin);
+            if let Some(reverse) = &mut self.reverse {
+                let back = reverse.measure_fan(
+                    mesh,
+                    [gone, stays],
+                    &self.fan,
+                    self.nearest,
+                    &self.old_triangles,
+                    self.rounding,
+                );
+                self.error = self.error.max(back);
+            }
         } else {
             self.add_other_targets(mesh, gone, stays, ring, origin);
             if self.targets.is_empty() {
                 return None;
             }
             self.hand_on_whole(mesh, gone, origin, ring);
+            if let Some(reverse) = &mut self.reverse {
+                let new = self.targets.iter().filter(|target| target.is_around_gone).map(|target| target.corners);
+                let back = reverse.measure_whole(mesh, [gone, stays], ring, &self.old_triangles, new, self.rounding);
+                self.error = self.error.max(back);
+            }
             for target in self.targets.iter().filter(|target| target.is_rewritten && !target.is_around_gone) {
                 rewriters = mesh.triangles[target.triangle as usize].switch.max(rewriters);
             }
@@ -179,6 +202,12 @@ impl Rewriter {
         for target in self.targets.iter().filter(|target| target.is_rewritten) {
             mesh.covers.set(target.triangle as usize, target.residual);
             mesh.triangles[target.triangle as usize].switch = switch;
+        }
+        if let Some(reverse) = &self.reverse {
+            let new = self.targets.iter().filter(|target| target.is_around_gone);
+            for (target, bound) in new.zip(&reverse.bounds) {
+                mesh.covers.set_reverse(target.triangle as usize, *bound);
+            }
         }
         for (number, piece) in &self.to_be_kept {
             let target = &self.targets[*number];
@@ -239,9 +268,9 @@ impl Rewriter {
     /// Fixes what is allowed for rounding, by the longest squared vector.
     fn allow_for_rounding(&mut self, longest: f32, origin: [f32; 3]) {
         let reach = longest.sqrt() * ROUND_UP;
-        self.rounding = ROUNDING * reach;
         let coordinate = origin[0].abs().max(origin[1].abs()).max(origin[2].abs());
-        self.place_rounding = PLACE_ROUNDING * (coordinate + reach);
+        let of_places = PLACE_ROUNDING * (coordinate + reach);
+        self.rounding = Rounding { of_distances: ROUNDING * reach, of_places };
     }
 
     /// Works out the rows of the pieces collected. Returns the longest squared vector.
@@ -301,6 +330,7 @@ impl Rewriter {
                 if self.from_gone[sector] < self.from_gone[best] { sector } else { best }
             },
         );
+        self.nearest = nearest;
         let need = self.from_gone[nearest].sqrt();
         let mut most = 0.0_f32;
         for index in &self.fan.order {
@@ -375,9 +405,9 @@ impl Rewriter {
         if !self.cutter.cut(shape, origin, &self.spokes) {
             return false;
         }
-        let base = (base + self.place_rounding) * ROUND_UP;
+        let base = (base + self.rounding.of_places) * ROUND_UP;
         let farthest = self.cutter.parts.iter().map(|part| part.square).fold(0.0, f32::max);
-        if base + farthest.sqrt() >= (base - self.place_rounding) + whole.sqrt() {
+        if base + farthest.sqrt() >= (base - self.rounding.of_places) + whole.sqrt() {
             return false;
         }
         for index in 0..self.cutter.parts.len() {
@@ -395,7 +425,7 @@ impl Rewriter {
 
     /// How far a piece of this base is, whose farthest corner is so far, squared.
     fn distance(&self, base: f32, square: f32) -> f32 {
-        (base + square.sqrt()) * ROUND_UP + self.rounding
+        (base + square.sqrt()) * ROUND_UP + self.rounding.of_distances
     }
 
     /// Hands a piece to a target.

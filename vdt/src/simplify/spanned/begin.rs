@@ -35,7 +35,7 @@ pub(super) fn begin<M: CollapseMetric>(
     let mut edges = GuardedSorter::new(scratch, "edges", memory / 2);
     let mut labels = Labels::new(scratch);
     // No collapse is made here, so there is no error to be bounded.
-    let live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0], false);
+    let live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0], ErrorBound::None);
     let mut engine = Engine::new(live, metric, mesh.exponent, ErrorBound::None);
     let (mut spans, mut known) = (Vec::new(), Vec::new());
     for (number, start) in mesh.blocks.iter().enumerate() {
@@ -85,7 +85,10 @@ fn write_block(mesh: &LiveMesh, store: &mut MeshStore) -> Result<(), StorageErro
     }
     for ((Triangle { corners, switch }, id), next) in mesh.triangles.iter().zip(&mesh.triangle_ids).zip(next) {
         let corners = corners.map(|corner| mesh.nodes[corner as usize].id);
-        store.put_triangle(*id, &StoredTriangle { corners, switch: *switch, next, flags: 0, residual: 0.0 })?;
+        store.put_triangle(
+            *id,
+            &StoredTriangle { corners, switch: *switch, next, flags: 0, residual: 0.0, reverse: 0.0 },
+        )?;
     }
     Ok(())
 }

@@ -89,6 +89,7 @@ fn push_triangle<M>(
     let corners = [a, b, c];
     let place = engine.mesh.triangles.len();
     engine.mesh.push_triangle(id, Triangle { corners, switch: triangle.switch }, triangle.residual);
+    engine.mesh.covers.set_reverse(place, triangle.reverse);
     for piece in store.cut_pieces(id, triangle)?.in_order().iter().rev() {
         engine.mesh.covers.add_piece(place, piece);
     }

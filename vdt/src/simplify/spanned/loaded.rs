@@ -11,7 +11,7 @@
 //!
 //! Local ids ascend as vertices come in, not as canonical ids do: order is always by edges as the tree has them.
 //!
-//! Memory: 140 bytes for each vertex, 88 for each triangle, 56 for each piece that one keeps, 4 for each place in a star.
+//! Memory: 140 bytes for each vertex, 96 for each triangle, 56 for each piece that one keeps, 4 for each place in a star.
 
 use std::collections::HashSet;
 
@@ -30,7 +30,7 @@ use super::stored::{CutPieces, GONE, Link, MeshStore, PIECES_SHIFT, StoredTriang
 /// Bytes of a vertex: its line, its node, what is kept here of it, its place in the table.
 const VERTEX_BYTES: usize = 64 + 44 + 12 + 20;
 /// Bytes of a triangle.
-const TRIANGLE_BYTES: usize = 20 + 8 + 40 + 20;
+const TRIANGLE_BYTES: usize = 20 + 12 + 44 + 20;
 
 /// Bytes of a quadric that is kept, in its table.
 const QUADRIC_BYTES: usize = (size_of::<Quadric>() + 5) * 8 / 7;
@@ -255,6 +255,7 @@ impl<M: CollapseMetric> SubMeshes<M> {
         }
         let place = self.triangles.len() as u32;
         self.engine.mesh.push_triangle(id, Triangle { corners, switch: stored.switch }, stored.residual);
+        self.engine.mesh.covers.set_reverse(place as usize, stored.reverse);
         for piece in store.cut_pieces(id, &stored)?.in_order().iter().rev() {
             self.engine.mesh.covers.add_piece(place as usize, piece);
         }
@@ -415,7 +416,7 @@ impl<M: CollapseMetric> SubMeshes<M> {
             let cover = mesh.covers.of(place);
             let mut pieces = CutPieces::default();
             mesh.covers.pieces(cover).for_each(|piece| pieces.push(piece));
-            stored.residual = cover.residual;
+            (stored.residual, stored.reverse) = (cover.residual, mesh.covers.reverse(place));
             stored.flags |= (pieces.in_order().len() as u32) << PIECES_SHIFT;
             store.put_cut_pieces(mesh.triangle_ids[place], &pieces)?;
         }

@@ -233,7 +233,7 @@ impl<M: CollapseMetric> Task<'_, M> {
 
     /// An engine without a mesh.
     fn engine(&self) -> Engine<M> {
-        let live = LiveMesh::new(self.normalisation(), self.mesh.bounds[0], self.bound.is_certified());
+        let live = LiveMesh::new(self.normalisation(), self.mesh.bounds[0], self.bound);
         Engine::new(live, self.metric, self.mesh.exponent, self.bound)
     }
 }

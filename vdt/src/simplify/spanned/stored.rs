@@ -5,7 +5,7 @@
 //! collapse moves none of them. A triangle that is gone may stay in the chain of a corner whose whole star was not in
 //! memory when it went; it is passed over, and taken out when that star is written the next time.
 //!
-//! Memory: the pages that were allowed. I/O: 96 bytes for each vertex, 36 for each triangle and 56 for each piece that it
+//! Memory: the pages that were allowed. I/O: 96 bytes for each vertex, 40 for each triangle and 56 for each piece that it
 //! may keep, in pages of 4 KiB; canonical ids follow the Morton order, so neighbours mostly lie in the same or in a few pages.
 
 use bytemuck::{Pod, Zeroable};
@@ -38,7 +38,7 @@ impl StoredVertex {
     }
 }
 
-/// A triangle. 36 bytes.
+/// A triangle. 40 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct StoredTriangle {
@@ -53,6 +53,8 @@ pub(super) struct StoredTriangle {
     pub flags: u32,
     /// How far, at most, what it answers for itself lies from it, see `bound`.
     pub residual: f32,
+    /// How far, at most, a point of it lies from the input, where that is noted.
+    pub reverse: f32,
 }
 
 /// Where [`StoredTriangle::flags`] has the number of pieces that the triangle keeps.
