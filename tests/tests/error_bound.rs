@@ -33,9 +33,9 @@ fn switch(tree: &Tree, node: Node) -> f32 {
     if node.split == NO_SPLIT { 0.0 } else { tree.splits[node.split as usize].switch }
 }
 
-/// How far the input is from a cut, how far the cut is from the input, and what the cut states. Of the input those trees
-/// count of which anything is drawn.
-fn measured_and_stated(tree: &Tree, active: &[Node], steps: u32) -> ([f64; 2], f64) {
+/// How far the input is from a cut, and with `both_ways`, if that is more, the cut from the input; and what the cut states.
+/// Of the input those trees count of which anything is drawn.
+fn measured_and_stated(tree: &Tree, active: &[Node], steps: u32, both_ways: bool) -> (f64, f64) {
     let place = |leaf: u32| tree.positions[leaf as usize].map(f64::from);
     let drawn = cut::triangles(tree, active);
     let surface: Vec<_> = drawn.iter().map(|corners| corners.map(place)).collect();
@@ -44,18 +44,19 @@ fn measured_and_stated(tree: &Tree, active: &[Node], steps: u32) -> ([f64; 2], f
     drawn.iter().for_each(|corners| is_drawn[tree_of(corners[0])] = true);
     let input = tree.triangles.corners.iter().filter(|corners| is_drawn[tree_of(corners[0])]);
     let points = input.flat_map(|corners| points_of(corners.map(place), steps));
-    let there = points.map(|point| to_triangles(point, &surface)).fold(0.0, f64::max);
-    let input: Vec<_> = tree.triangles.corners.iter().map(|corners| corners.map(place)).collect();
-    let points = surface.iter().flat_map(|triangle| points_of(*triangle, steps));
-    let back = points.map(|point| to_triangles(point, &input)).fold(0.0, f64::max);
+    let mut measured = points.map(|point| to_triangles(point, &surface)).fold(0.0, f64::max);
+    if both_ways {
+        let input: Vec<_> = tree.triangles.corners.iter().map(|corners| corners.map(place)).collect();
+        let points = surface.iter().flat_map(|triangle| points_of(*triangle, steps));
+        measured = points.map(|point| to_triangles(point, &input)).fold(measured, f64::max);
+    }
     let stated = active.iter().filter(|node| is_drawn[tree_of(node.start)]).map(|node| switch(tree, *node));
-    ([there, back], stated.fold(0.0, f32::max).into())
+    (measured, stated.fold(0.0, f32::max).into())
 }
 
 /// Fails where the input is farther from a cut than that states, or with a two-sided bound the cut from the input.
 fn check(tree: &Tree, active: &[Node], steps: u32, bound: ErrorBound) -> Result<f64, TestCaseError> {
-    let ([there, back], stated) = measured_and_stated(tree, active, steps);
-    let measured = if bound.is_two_sided() { there.max(back) } else { there };
+    let (measured, stated) = measured_and_stated(tree, active, steps, bound.is_two_sided());
     // The reference computes with doubles, on coordinates up to 200.
     prop_assert!(measured <= stated + 1e-11, "{} is stated, and {} measured", stated, measured);
     Ok(if measured > 0.0 { stated / measured } else { 1.0 })
@@ -154,7 +155,7 @@ proptest! {
 /// median of some cuts.
 #[test]
 fn what_is_stated_is_near_what_is_measured() {
-    for mesh in [sphere(4, 0.0, 1), torus(40, 24, 0.02, 2), sheet(30, 30, 0.3, 0, 3)] {
+    for mesh in [sphere(4, 0.0, 1), torus(30, 20, 0.02, 2), sheet(25, 25, 0.3, 0, 3)] {
         let mut medians = Vec::new();
         for bound in [ErrorBound::Fast, ErrorBound::Default, ErrorBound::Tight, ErrorBound::TwoSided] {
             let tree = tree_with(&core(&mesh), Metric::Quadric, Order::Passes, bound);
@@ -162,7 +163,7 @@ fn what_is_stated_is_near_what_is_measured() {
                 .iter()
                 .map(|threshold| {
                     let active = cut::cut(&tree, |node| switch(&tree, node) > *threshold);
-                    check(&tree, &active, 4, bound).unwrap()
+                    check(&tree, &active, 2, bound).unwrap()
                 })
                 .collect();
             ratios.sort_by(f64::total_cmp);
