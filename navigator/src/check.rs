@@ -10,7 +10,7 @@ use crate::navigator::Navigator;
 /// - the leaf intervals of the active nodes partition the leaves, and those of two children their parent's;
 /// - each corner of a triangle is under its node, the three nodes are distinct, and it is once in each one's star;
 /// - the triangles are those that the applied splits bear, each once; they are counted by their trees;
-/// - with implicit dependency, the lives of the corners of each triangle overlap pairwise;
+/// - with implicit dependency, no corner of a triangle was, when another one came to be, already moved on;
 /// - the usage count of each place holder is the number of applied splits of its page; the pool's own counts and lists
 ///   fit to each other.
 pub fn check(navigator: &Navigator) -> Result<(), String> {
@@ -42,18 +42,16 @@ fn check_nodes(navigator: &Navigator) -> Result<(), String> {
             let fits = kept_start == start
                 && kept_end == born_start
                 && born_end == end
-                && [kept, born].iter().all(|child| {
-                    front.parent(*child) == node
-                        && front.parent_id(*child) == front.id(node)
-                        && front.id(*child) < front.id(node)
-                })
+                && [kept, born].iter().all(|child| front.parent(*child) == node && front.id(*child) < front.id(node))
+                && front.moved_by(born) == front.id(node)
+                && [front.id(node), front.moved_by(node)].contains(&front.moved_by(kept))
                 && both_active == (front.state(node) == State::Collapsible);
             if !fits {
                 return Err(format!("node {node} with leaves {start}..{end} does not fit to {kept} and {born}"));
             }
         }
-        if front.parent(node) == NONE && front.parent_id(node) != NEVER {
-            return Err(format!("root {node} has a parent"));
+        if front.parent(node) == NONE && front.moved_by(node) != NEVER {
+            return Err(format!("root {node} is moved by something"));
         }
     }
     intervals.sort_unstable();
@@ -132,9 +130,9 @@ fn check_lives(front: &Front) -> Result<(), String> {
     for (leaves, nodes) in front.triangles() {
         for first in nodes {
             for second in nodes.iter().filter(|second| **second != first) {
-                if front.id(first) >= front.parent_id(*second) {
+                if front.id(first) >= front.moved_by(*second) {
                     return Err(format!(
-                        "triangle {leaves:?}: node {} came to be when {} was gone",
+                        "triangle {leaves:?}: node {} came to be when {} had moved on",
                         front.id(first),
                         front.id(*second)
                     ));

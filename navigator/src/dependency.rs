@@ -19,7 +19,7 @@
 //! A neighbour with a greater id has to be split first; else a region with a large error would wait for ever for a
 //! neighbour that is out of sight. Those forced splits form chains of rising ids, so they end.
 
-use crate::front::Front;
+use crate::front::{Front, Prepared};
 
 /// How changes of the front depend on each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -31,28 +31,23 @@ pub enum Dependency {
     None,
 }
 
-/// A neighbour of an active node that has to be split before it: its id is greater (or equal, in a damaged file).
-pub fn blocking_neighbour(front: &Front, node: u32) -> Option<u32> {
-    let id = front.id(node);
-    front.star(node).flatten().find(|neighbour| front.id(*neighbour) >= id)
+/// A node that has to be split before the split that was just prepared can be: its id is greater (or equal, in a damaged
+/// file), and it has a corner in common with what moves to the born child, or is a third corner of a triangle that is born.
+pub fn blocking_node(front: &Front, prepared: &Prepared) -> Option<u32> {
+    let id = front.id(prepared.node());
+    front.around_moved(prepared).chain(front.thirds().iter().copied()).find(|other| front.id(*other) >= id)
 }
 
-/// A third corner of the triangles born by the split of `node`, which was just prepared, that has to be split before.
-pub fn blocking_third(front: &Front, node: u32) -> Option<u32> {
-    let id = front.id(node);
-    front.thirds().iter().copied().find(|third| front.id(*third) >= id)
-}
-
-/// When the first of the third corners of the split prepared last is gone: the children of the node that is split must
+/// When the first of the third corners of the split prepared last moves on: the children of the node that is split must
 /// not have come to be as late. `None` without third corners.
-pub fn thirds_are_gone(front: &Front) -> Option<u32> {
-    front.thirds().iter().map(|third| front.parent_id(*third)).min()
+pub fn thirds_moved_on(front: &Front) -> Option<u32> {
+    front.thirds().iter().map(|third| front.moved_by(*third)).min()
 }
 
-/// Whether an active node came to be when a neighbour was gone, so that it has to be split.
+/// Whether an active node came to be when a neighbour had moved on, so that it has to be split.
 pub fn is_late(front: &Front, node: u32) -> bool {
     let id = front.id(node);
-    front.star(node).flatten().any(|neighbour| front.parent_id(neighbour) <= id)
+    front.star(node).flatten().any(|neighbour| front.moved_by(neighbour) <= id)
 }
 
 /// Whether a node around its children keeps a collapsible node from being restored.
@@ -60,5 +55,5 @@ pub fn collapse_is_blocked(front: &Front, node: u32) -> bool {
     let id = front.id(node);
     let children = front.children(node);
     let mut around = children.into_iter().flat_map(|child| front.star(child)).flatten();
-    around.any(|neighbour| front.parent_id(neighbour) <= id && !children.contains(&neighbour))
+    around.any(|neighbour| front.moved_by(neighbour) <= id && !children.contains(&neighbour))
 }

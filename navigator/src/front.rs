@@ -26,7 +26,7 @@ use crate::view::Sphere;
 
 /// "None" for nodes, corners and pages.
 pub const NONE: u32 = u32::MAX;
-/// The dependency id of the parent of a root: later than everything.
+/// The id of a collapse that there is not: later than everything.
 pub const NEVER: u32 = u32::MAX;
 /// Bytes that a node of the front takes.
 pub const NODE_BYTES: usize = size_of::<Shape>() + size_of::<Links>();
@@ -79,8 +79,8 @@ struct Links {
     /// One past the last.
     end: u32,
     id: u32,
-    /// Id of the parent; of a root [`NEVER`].
-    parent_id: u32,
+    /// Id of the first collapse above that moves the node's corners elsewhere, see [`Front::moved_by`].
+    moved_by: u32,
     /// Free: the next free node.
     parent: u32,
     /// Active: the first corner of its star. Split: the kept child.
@@ -111,6 +111,13 @@ pub struct Prepared {
     record: Record,
     kept_page: u32,
     born_page: u32,
+}
+
+impl Prepared {
+    /// The node that is to be split.
+    pub fn node(&self) -> u32 {
+        self.node
+    }
 }
 
 /// The front: nodes, triangles, and their free lists.
@@ -172,7 +179,7 @@ impl Front {
                     start: root.start,
                     end: root.end,
                     id: root.id,
-                    parent_id: NEVER,
+                    moved_by: NEVER,
                     parent: NONE,
                     first: NONE,
                     second: NONE,
@@ -272,9 +279,10 @@ impl Front {
         self.links[node as usize].id
     }
 
-    /// Dependency id of its parent; [`NEVER`] for a root.
-    pub fn parent_id(&self, node: u32) -> u32 {
-        self.links[node as usize].parent_id
+    /// Dependency id of the first collapse above a node that moves its corners: that of its parent for a born child. A kept
+    /// child's corners stay where they are, so for that it is what it is for the parent. [`NEVER`] where there is none.
+    pub fn moved_by(&self, node: u32) -> u32 {
+        self.links[node as usize].moved_by
     }
 
     /// Its parent, [`NONE`] for a root.
@@ -306,6 +314,27 @@ impl Front {
 
     /// The star of an active node: of each of its triangles the nodes of the other two corners, in their orientation.
     pub fn star(&self, node: u32) -> impl Iterator<Item = [u32; 2]> + '_ {
+        self.corners_at(node)
+            .map(|(triangle, place)| [triangle.nodes[(place + 1) % 3], triangle.nodes[(place + 2) % 3]])
+    }
+
+    /// The nodes around an active node that have a triangle with a corner there that moves to the born child when the split
+    /// that was prepared for it is applied; all nodes around it where no corner does.
+    pub fn around_moved(&self, prepared: &Prepared) -> impl Iterator<Item = u32> + '_ {
+        let Prepared { node, record, .. } = *prepared;
+        let middle = if self.moves_any(prepared) { record.born_leaf } else { 0 };
+        self.corners_at(node)
+            .filter(move |(triangle, place)| triangle.leaves[*place] >= middle)
+            .flat_map(|(triangle, place)| [triangle.nodes[(place + 1) % 3], triangle.nodes[(place + 2) % 3]])
+    }
+
+    /// Whether any corner moves to the born child when a split is applied.
+    fn moves_any(&self, prepared: &Prepared) -> bool {
+        self.corners_at(prepared.node).any(|(triangle, place)| triangle.leaves[place] >= prepared.record.born_leaf)
+    }
+
+    /// The corners at an active node, with their places in their triangles.
+    fn corners_at(&self, node: u32) -> impl Iterator<Item = (&Triangle, usize)> + '_ {
         let mut corner = self.links[node as usize].first;
         std::iter::from_fn(move || {
             if corner == NONE {
@@ -313,7 +342,7 @@ impl Front {
             }
             let (triangle, place) = self.corner(corner);
             corner = triangle.next[place];
-            Some([triangle.nodes[(place + 1) % 3], triangle.nodes[(place + 2) % 3]])
+            Some((triangle, place))
         })
     }
 
@@ -464,10 +493,13 @@ impl Front {
     /// is the place holder that `page` is in.
     pub fn split(&mut self, prepared: &Prepared, page: &Page, slot: u32) {
         let Prepared { node, record, kept_page, born_page } = *prepared;
-        let Links { start, end, id, parent, first, record: index, .. } = self.links[node as usize];
+        let Links { start, end, id, moved_by, parent, first, record: index, .. } = self.links[node as usize];
+        // Where no triangle was left around the vertex that went, those around the one that stayed took over what it
+        // answered for, so that they count as moved.
+        let kept_moved_by = if self.moves_any(prepared) { moved_by } else { id };
         let position = self.shapes[node as usize].sphere.position;
         let middle = record.born_leaf;
-        let kept = self.new_child(node, id, record.kept, kept_page, position, start, middle);
+        let kept = self.new_child(node, kept_moved_by, record.kept, kept_page, position, start, middle);
         let born = self.new_child(node, id, record.born, born_page, record.position, middle, end);
 
         let (mut kept_star, mut born_star) = (NONE, NONE);
@@ -515,7 +547,7 @@ impl Front {
     fn new_child(
         &mut self,
         parent: u32,
-        parent_id: u32,
+        moved_by: u32,
         entry: Option<ChildEntry>,
         page: u32,
         position: [f32; 3],
@@ -536,7 +568,7 @@ impl Front {
             }
         };
         let (first, second, not_before) = (NONE, NONE, 0);
-        self.new_node(shape, Links { start, end, id, parent_id, parent, first, second, record, not_before })
+        self.new_node(shape, Links { start, end, id, moved_by, parent, first, second, record, not_before })
     }
 
     /// Undoes the split of a collapsible node; `page` is the number of the page that its split is in.

@@ -180,9 +180,6 @@ impl Refiner<'_> {
     /// Applies the split of a node, if nothing is in its way.
     fn step(&mut self, node: u32) -> Result<Step, NavigatorError> {
         let implicit = self.dependency == Dependency::Implicit;
-        if implicit && let Some(neighbour) = dependency::blocking_neighbour(self.front, node) {
-            return self.after(node, neighbour);
-        }
         let slot = match self.paging.begin_use(self.front, node) {
             Use::Granted { slot } => slot,
             Use::Missing => return Ok(Step::Impossible(Outcome::Missing)),
@@ -198,8 +195,8 @@ impl Refiner<'_> {
                 return Err(self.paging.misfit(number, source));
             }
         };
-        let refused = if implicit && let Some(third) = dependency::blocking_third(self.front, node) {
-            Some(self.after(node, third))
+        let refused = if implicit && let Some(other) = dependency::blocking_node(self.front, &prepared) {
+            Some(self.after(node, other))
         } else {
             let born = self.front.thirds().len();
             let fits = self.front.has_room(born) && self.front.triangle_count() + born <= self.triangle_limit;
@@ -225,12 +222,12 @@ impl Refiner<'_> {
         // anywhere around them. Else only the new triangles matter.
         let look_around = stack.iter().any(|link| link.follows);
         stack.pop();
-        let thirds_are_gone = dependency::thirds_are_gone(self.front);
+        let thirds_moved_on = dependency::thirds_moved_on(self.front);
         for child in self.front.children(node) {
             let is_late = if look_around {
                 dependency::is_late(self.front, child)
             } else {
-                thirds_are_gone.is_some_and(|gone| self.front.id(child) >= gone)
+                thirds_moved_on.is_some_and(|moved| self.front.id(child) >= moved)
             };
             if is_late {
                 stack.push(Link { node: child, follows: true });
