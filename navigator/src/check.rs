@@ -1,6 +1,8 @@
 //! Whether the front and the pool are well-formed (invariants 4 and 5 of the design). Slow: for tests, and for whoever
 //! does not trust a model.
 
+use metanode::page::{PageLocation, Target};
+
 use crate::dependency::Dependency;
 use crate::front::{Front, NEVER, NONE, State};
 use crate::navigator::Navigator;
@@ -10,7 +12,8 @@ use crate::navigator::Navigator;
 /// - the leaf intervals of the active nodes partition the leaves, and those of two children their parent's;
 /// - each corner of a triangle is under its node, the three nodes are distinct, and it is once in each one's star;
 /// - the triangles are those that the applied splits bear, each once; they are counted by their trees;
-/// - with implicit dependency, no corner of a triangle was, when another one came to be, already moved on;
+/// - with implicit dependency, of the collapses that moved a corner of a triangle, those that are not undone come before those
+///   that are;
 /// - the usage count of each place holder is the number of applied splits of its page; the pool's own counts and lists
 ///   fit to each other.
 pub fn check(navigator: &Navigator) -> Result<(), String> {
@@ -18,7 +21,7 @@ pub fn check(navigator: &Navigator) -> Result<(), String> {
     check_stars(navigator.front())?;
     check_births(navigator)?;
     if navigator.dependency() == Dependency::Implicit {
-        check_lives(navigator.front())?;
+        check_lives(navigator)?;
     }
     check_usage(navigator)?;
     navigator.paging().pool().check()
@@ -126,21 +129,80 @@ fn check_births(navigator: &Navigator) -> Result<(), String> {
     Ok(())
 }
 
-fn check_lives(front: &Front) -> Result<(), String> {
+fn check_lives(navigator: &Navigator) -> Result<(), String> {
+    let front = navigator.front();
     for (leaves, nodes) in front.triangles() {
-        for first in nodes {
-            for second in nodes.iter().filter(|second| **second != first) {
-                if front.id(first) >= front.moved_by(*second) {
+        for first in 0..3 {
+            for second in (0..3).filter(|second| *second != first) {
+                let moves_on = front.moved_by(nodes[second]);
+                // Seldom is more to be known than the node's id.
+                if front.id(nodes[first]) >= moves_on && last_moved(navigator, nodes[first], leaves[first])? >= moves_on
+                {
                     return Err(format!(
-                        "triangle {leaves:?}: node {} came to be when {} had moved on",
-                        front.id(first),
-                        front.id(*second)
+                        "triangle {leaves:?}: a corner was moved to node {} when that at {} had moved on",
+                        front.id(nodes[first]),
+                        front.id(nodes[second])
                     ));
                 }
             }
         }
     }
     Ok(())
+}
+
+/// By which collapse the corner of this leaf was moved to an active node; 0 where it never was. Reads the pages below.
+fn last_moved(navigator: &Navigator, node: u32, leaf: u32) -> Result<u32, String> {
+    let (front, model) = (navigator.front(), navigator.model());
+    if front.state(node) == State::Leaf {
+        return Ok(0);
+    }
+    let mut location = match front.parent(node) {
+        NONE => model.roots()[node as usize].page,
+        parent => {
+            let page = navigator.paging().page(front.page_or_slot(parent));
+            match front.page_or_slot(node) {
+                number if number == page.number() => model_location(navigator, parent)?,
+                number => page.child_location(number.wrapping_sub(page.child_location(0).number) as usize),
+            }
+        }
+    };
+    let (mut moved, mut index) = (front.id(node), front.record(node));
+    let (mut page, mut staging) = (model.empty_page(), Vec::new());
+    model.read_page(location, &mut staging, &mut page).map_err(|error| error.to_string())?;
+    loop {
+        let Some(record) = page.record(index) else { return Err(format!("no record {index}")) };
+        if leaf >= record.born_leaf {
+            return Ok(moved);
+        }
+        let Some(kept) = record.kept else { return Ok(0) };
+        moved = kept.id;
+        index = match kept.target {
+            Target::SamePage { record } => record,
+            Target::ChildPage { child, record } => {
+                location = page.child_location(child.into());
+                model.read_page(location, &mut staging, &mut page).map_err(|error| error.to_string())?;
+                record
+            }
+        };
+    }
+}
+
+/// Where the page lies that the applied split of a node is in.
+fn model_location(navigator: &Navigator, mut node: u32) -> Result<PageLocation, String> {
+    let (front, paging, model) = (navigator.front(), navigator.paging(), navigator.model());
+    let number = paging.page_number(front.page_or_slot(node));
+    loop {
+        match front.parent(node) {
+            NONE => return Ok(model.roots()[node as usize].page),
+            parent => {
+                let page = paging.page(front.page_or_slot(parent));
+                if page.number() != number {
+                    return Ok(page.child_location(number.wrapping_sub(page.child_location(0).number) as usize));
+                }
+                node = parent;
+            }
+        }
+    }
 }
 
 fn check_usage(navigator: &Navigator) -> Result<(), String> {

@@ -104,6 +104,22 @@ struct Triangle {
     next: [u32; 3],
 }
 
+impl Triangle {
+    /// The corners after one, in their orientation.
+    fn others(&self, place: usize) -> [Corner; 2] {
+        [1, 2].map(|step| (place + step) % 3).map(|place| Corner { node: self.nodes[place], leaf: self.leaves[place] })
+    }
+}
+
+/// A corner of a triangle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Corner {
+    /// The active node that it is at.
+    pub node: u32,
+    /// The leaf that it is in the input.
+    pub leaf: u32,
+}
+
 /// A split, read from its page and found to fit: what [`Front::split`] applies.
 #[derive(Debug, Clone, Copy)]
 pub struct Prepared {
@@ -139,8 +155,8 @@ pub struct Front {
     vanished_trees: usize,
     root_count: u32,
     leaf_count: u32,
-    /// The nodes of the third corners of the triangles that the prepared split bears.
-    thirds: Vec<u32>,
+    /// The third corners of the triangles that the prepared split bears.
+    thirds: Vec<Corner>,
 }
 
 impl Front {
@@ -318,14 +334,19 @@ impl Front {
             .map(|(triangle, place)| [triangle.nodes[(place + 1) % 3], triangle.nodes[(place + 2) % 3]])
     }
 
-    /// The nodes around an active node that have a triangle with a corner there that moves to the born child when the split
-    /// that was prepared for it is applied; all nodes around it where no corner does.
-    pub fn around_moved(&self, prepared: &Prepared) -> impl Iterator<Item = u32> + '_ {
+    /// The corners around an active node, of the triangles that have a corner there that moves to the born child when the
+    /// split that was prepared for it is applied; of all triangles there where no corner does.
+    pub fn around_moved(&self, prepared: &Prepared) -> impl Iterator<Item = Corner> + '_ {
         let Prepared { node, record, .. } = *prepared;
         let middle = if self.moves_any(prepared) { record.born_leaf } else { 0 };
         self.corners_at(node)
             .filter(move |(triangle, place)| triangle.leaves[*place] >= middle)
-            .flat_map(|(triangle, place)| [triangle.nodes[(place + 1) % 3], triangle.nodes[(place + 2) % 3]])
+            .flat_map(|(triangle, place)| triangle.others(place))
+    }
+
+    /// The triangles at an active node: for each the leaf that its corner there is in the input, and its other corners.
+    pub fn corners_around(&self, node: u32) -> impl Iterator<Item = (u32, [Corner; 2])> + '_ {
+        self.corners_at(node).map(|(triangle, place)| (triangle.leaves[place], triangle.others(place)))
     }
 
     /// Whether any corner moves to the born child when a split is applied.
@@ -435,7 +456,7 @@ impl Front {
     }
 
     /// Reads the split of an active node from its page, and makes sure that it fits into the front. After it,
-    /// [`Front::thirds`] are the nodes of the third corners.
+    /// [`Front::thirds`] are the third corners.
     pub fn prepare(&mut self, node: u32, page: &Page) -> Result<Prepared, Misfit> {
         let Links { start, end, id, record: index, .. } = self.links[node as usize];
         let misfit = |problem: String| Misfit { record: index, problem };
@@ -473,8 +494,7 @@ impl Front {
             if other >= self.leaf_count || self.thirds.len() == self.thirds.capacity() {
                 return Err(misfit(format!("a triangle of the leaves {corners:?} cannot be")));
             }
-            let other = self.active_node_of(other, node);
-            self.thirds.push(other);
+            self.thirds.push(Corner { node: self.active_node_of(other, node), leaf: other });
         }
         let page_of = |entry: Option<ChildEntry>| match entry.map(|entry| entry.target) {
             None => NONE,
@@ -484,8 +504,8 @@ impl Front {
         Ok(Prepared { node, record, kept_page: page_of(record.kept), born_page: page_of(record.born) })
     }
 
-    /// The active nodes of the third corners of the triangles that the split last prepared bears.
-    pub fn thirds(&self) -> &[u32] {
+    /// The third corners of the triangles that the split last prepared bears.
+    pub fn thirds(&self) -> &[Corner] {
         &self.thirds
     }
 
@@ -515,7 +535,7 @@ impl Front {
             corner = next;
         }
         for (born_triangle, leaves) in page.triangles(index).enumerate() {
-            let third = self.thirds[born_triangle];
+            let third = self.thirds[born_triangle].node;
             let third_star = self.links[third as usize].first;
             let inside = middle <= leaves[1] && leaves[1] < end;
             let (nodes, next) = if inside {

@@ -195,7 +195,7 @@ impl Refiner<'_> {
                 return Err(self.paging.misfit(number, source));
             }
         };
-        let refused = if implicit && let Some(other) = dependency::blocking_node(self.front, &prepared) {
+        let refused = if implicit && let Some(other) = dependency::blocking_node(self.front, self.paging, &prepared) {
             Some(self.after(node, other))
         } else {
             let born = self.front.thirds().len();
@@ -222,14 +222,9 @@ impl Refiner<'_> {
         // anywhere around them. Else only the new triangles matter.
         let look_around = stack.iter().any(|link| link.follows);
         stack.pop();
-        let thirds_moved_on = dependency::thirds_moved_on(self.front);
-        for child in self.front.children(node) {
-            let is_late = if look_around {
-                dependency::is_late(self.front, child)
-            } else {
-                thirds_moved_on.is_some_and(|moved| self.front.id(child) >= moved)
-            };
-            if is_late {
+        let [kept, born] = self.front.children(node);
+        for (child, other) in [(kept, born), (born, kept)] {
+            if dependency::is_late(self.front, self.paging, child, (!look_around).then_some(other)) {
                 stack.push(Link { node: child, follows: true });
             }
         }

@@ -69,19 +69,18 @@ fn thresholds(tree: &Tree, count: usize) -> Vec<f32> {
     (0..count).filter_map(|index| switches.get(index * switches.len() / count).copied()).collect()
 }
 
-/// Splits nodes of a cut until the lives of any two of its nodes that a triangle of the input joins overlap: the closure
-/// over the dependency, triangles that are not drawn included.
+/// Splits nodes of a cut until, of the collapses that moved a corner of a triangle of the input, those that are not undone
+/// come before those that are: the closure over the dependency, triangles that are not drawn included.
 fn close(tree: &Tree, mut active: Vec<Node>) -> Vec<Node> {
-    let parents = parents(tree);
+    let moves = Moves::of(tree);
     loop {
         let ancestor = cut::ancestors(tree, &active);
-        let id = |node: Node| if node.split == NO_SPLIT { node.start } else { tree.splits[node.split as usize].id };
         let mut is_split = vec![false; active.len()];
         for corners in &tree.triangles.corners {
             for (x, y) in [(0, 1), (1, 2), (2, 0), (1, 0), (2, 1), (0, 2)] {
-                let [x, y] = [corners[x], corners[y]].map(|leaf| ancestor[leaf as usize]);
-                if x != y && id(active[x]) >= parents.id_above(active[y]) {
-                    is_split[x] = true;
+                let [at_x, at_y] = [corners[x], corners[y]].map(|leaf| ancestor[leaf as usize]);
+                if at_x != at_y && moves.last(tree, active[at_x], corners[x]) >= moves.next(active[at_y]) {
+                    is_split[at_x] = true;
                 }
             }
         }
@@ -95,26 +94,37 @@ fn close(tree: &Tree, mut active: Vec<Node>) -> Vec<Node> {
     }
 }
 
-/// For each node but the roots, by its interval, the id of its parent.
-struct Parents(std::collections::BTreeMap<Node, u32>);
+/// For each node the id of the first collapse above it that moves its corners.
+struct Moves(std::collections::BTreeMap<Node, u32>);
 
-fn parents(tree: &Tree) -> Parents {
-    let mut parents = std::collections::BTreeMap::new();
-    let mut stack = cut::roots(tree);
-    while let Some(node) = stack.pop() {
-        if node.split != NO_SPLIT {
-            for child in cut::children(tree, node) {
-                parents.insert(child, tree.splits[node.split as usize].id);
-                stack.push(child);
+impl Moves {
+    fn of(tree: &Tree) -> Self {
+        let mut moves = std::collections::BTreeMap::new();
+        let mut stack: Vec<(Node, u32)> = cut::roots(tree).into_iter().map(|root| (root, u32::MAX)).collect();
+        while let Some((node, moved_by)) = stack.pop() {
+            moves.insert(node, moved_by);
+            if node.split != NO_SPLIT {
+                let [kept, born] = cut::children(tree, node);
+                stack.extend([(kept, moved_by), (born, tree.splits[node.split as usize].id)]);
             }
         }
+        Moves(moves)
     }
-    Parents(parents)
-}
 
-impl Parents {
-    fn id_above(&self, node: Node) -> u32 {
-        self.0.get(&node).copied().unwrap_or(u32::MAX)
+    fn next(&self, node: Node) -> u32 {
+        self.0[&node]
+    }
+
+    /// The id of the collapse that moved the corner of a leaf to a node; 0 where none did.
+    fn last(&self, tree: &Tree, mut node: Node, leaf: u32) -> u32 {
+        while node.split != NO_SPLIT {
+            let [kept, born] = cut::children(tree, node);
+            if leaf >= born.start {
+                return tree.splits[node.split as usize].id;
+            }
+            node = kept;
+        }
+        0
     }
 }
 

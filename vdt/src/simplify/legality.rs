@@ -8,6 +8,8 @@
 //! - *Special edges*, all that are not shared by exactly two triangles with opposite directions (boundaries,
 //!   non-manifold edges, seams of disagreeing orientation): a vertex on one moves along one only, and no triangle may
 //!   vanish that has special edges on both of its other sides (that would close a hole, or swallow a part).
+//! - *Ears*: a triangle around the vertex that goes is left. (Without one, triangles that the collapse does not move would have
+//!   to answer for what vanishes, see `docs/error.md`.)
 //! - *Fold-over*: no surviving triangle's normal may turn by more than 78 degrees (cosine 0.2), nor may it become a
 //!   needle. Triangles that were needles before are not asked: they would block for ever.
 
@@ -66,7 +68,7 @@ impl Rings {
             return Verdict::NoEdge;
         }
         let [gone_special, stays_special] = [gone, stays].map(|end| mesh.vertices[end as usize].is_special());
-        if gone_special && edge.is_regular() {
+        if gone_special && edge.is_regular() || self.apexes.len() == self.gone.len() {
             return Verdict::Illegal;
         }
         mesh.fill_ring(stays, &mut self.stays);

@@ -282,7 +282,7 @@ mod tests {
         assert_eq!(Metric::ALL.map(|metric| metric.to_string().parse()), Metric::ALL.map(Ok));
         assert_eq!(Strategy::ALL.map(|strategy| strategy.to_string().parse()), Strategy::ALL.map(Ok));
         let refused = |outcome: Result<ErrorBound, UnknownNameError>| outcome.unwrap_err().to_string();
-        let expected = "there is no error bound `loose`; there are none, fast, default and tight";
+        let expected = "there is no error bound `loose`; there are none, fast, default, tight and two-sided";
         assert_eq!(refused("loose".parse()), expected);
         assert_eq!(
             "angle".parse::<Metric>().unwrap_err().to_string(),
