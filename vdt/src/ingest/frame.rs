@@ -92,8 +92,8 @@ impl Rounding {
     }
 }
 
-/// The power of two of a mesh and the grid of its Morton codes: 2^21 cells along the longest axis, or more than half
-/// as many.
+/// The power of two of a mesh and the grid of its Morton codes: 2^21 cells along the longest axis, so that the order of the
+/// codes does not depend on the scale of the mesh, but for the rounding of positions.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Grid {
     /// The mesh is at most 2^exponent wide along every axis.
@@ -108,7 +108,7 @@ impl Grid {
         let extent = bounds.largest_extent();
         (extent > 0.0).then(|| {
             let exponent = exponent_above(extent);
-            Grid { exponent, minimum: bounds.minimum, cells_per_unit: power_of_two(21 - exponent) }
+            Grid { exponent, minimum: bounds.minimum, cells_per_unit: f64::from(1 << 21) / extent }
         })
     }
 

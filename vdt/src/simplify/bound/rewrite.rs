@@ -9,10 +9,9 @@
 //! A new triangle keeps the pieces that are farthest from it, as many as it may; the others are with itself from then on,
 //! the largest of their distances being its residual.
 //!
-//! Where the old triangles are no fan (non-manifold vertices, and in the end phase), nothing is cut. Where no new triangle
-//! is left (the ear at a boundary, the end phase), the triangles around the vertex that stays take over, besides what they
-//! answer for already. Where there are none either, a part of the mesh has vanished, and it is for the caller to say how
-//! far that is.
+//! Where the old triangles are no fan (non-manifold vertices, and in the end phase), nothing is cut. In the end phase there may
+//! be no new triangle: then the triangles around the vertex that stays take over, besides what they answer for already.
+//! Where there are none either, a part of the mesh has vanished, and it is for the caller to say how far that is.
 
 use super::cut::{Cutter, Shape};
 use super::distance::{ROUNDING, Triangles};
