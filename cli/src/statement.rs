@@ -24,7 +24,11 @@ pub fn tell(report: &mut Report, said: &Statement, header: &Header) {
             true => {
                 let text =
                     format!("guaranteed: every point of the input lies within {} of this surface", bound(stated));
-                if said.is_two_sided { format!("{text}, and every point of it of the input") } else { text }
+                if said.is_two_sided {
+                    format!("{text}, and every point of the surface within that of the input")
+                } else {
+                    text
+                }
             }
             false => format!("{} {}", length(stated), why_not_guaranteed(header.error_bound)),
         },

@@ -213,7 +213,11 @@ fn what_is_said_in_words() {
         let said = extract("--error 2%", "error").unwrap();
         let within = said.strip_prefix("guaranteed: every point of the input lies within ").unwrap();
         let two_sided = error_bound == "two-sided";
-        let rest = if two_sided { " of this surface, and every point of it of the input" } else { " of this surface" };
+        let rest = if two_sided {
+            " of this surface, and every point of the surface within that of the input"
+        } else {
+            " of this surface"
+        };
         let within: f64 = within.strip_suffix(rest).unwrap().parse().unwrap();
         let document = place.json("extract m.vdt -o cut.ply --force --error 2%");
         assert_eq!((&document["guaranteed"], &document["error_bound"]), (&true.into(), &error_bound.into()));
