@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use metanode::model::Model;
 use thiserror::Error;
 
-use crate::front::{NODE_BYTES, TREE_BYTES, TRIANGLE_BYTES, TRIANGLE_LIMIT};
+use crate::front::{Corner, NODE_BYTES, TREE_BYTES, TRIANGLE_BYTES, TRIANGLE_LIMIT};
 use crate::pool::{LEAST_FOR_URGENT, SLOT_OVERHEAD_BYTES};
 use crate::refine::CHAIN_BYTES;
 
@@ -91,7 +91,7 @@ impl Needs {
             fixed_bytes: model.resident_bytes()
                 + header.root_count as usize * TREE_BYTES
                 + header.largest_page_bytes as usize
-                + born_triangles * size_of::<u32>()
+                + born_triangles * size_of::<Corner>()
                 + CHAIN_BYTES,
             born_triangles,
         }

@@ -1,7 +1,7 @@
 //! Whether the front and the pool are well-formed (invariants 4 and 5 of the design). Slow: for tests, and for whoever
 //! does not trust a model.
 
-use metanode::page::{PageLocation, Target};
+use metanode::page::{Page, PageLocation, Target};
 
 use crate::dependency::Dependency;
 use crate::front::{Front, NEVER, NONE, State};
@@ -152,54 +152,48 @@ fn check_lives(navigator: &Navigator) -> Result<(), String> {
 
 /// By which collapse the corner of this leaf was moved to an active node; 0 where it never was. Reads the pages below.
 fn last_moved(navigator: &Navigator, node: u32, leaf: u32) -> Result<u32, String> {
-    let (front, model) = (navigator.front(), navigator.model());
+    let (front, paging, model) = (navigator.front(), navigator.paging(), navigator.model());
     if front.state(node) == State::Leaf {
         return Ok(0);
     }
-    let mut location = match front.parent(node) {
-        NONE => model.roots()[node as usize].page,
+    let (mut moved, mut index) = (front.id(node), front.record(node));
+    let mut below = match front.parent(node) {
+        NONE => Some(paging.location(front, node)),
         parent => {
-            let page = navigator.paging().page(front.page_or_slot(parent));
-            match front.page_or_slot(node) {
-                number if number == page.number() => model_location(navigator, parent)?,
-                number => page.child_location(number.wrapping_sub(page.child_location(0).number) as usize),
+            let page = paging.page(front.page_or_slot(parent));
+            if page.number() == front.page_or_slot(node) {
+                moved_within(&page, &mut index, leaf, &mut moved)?
+            } else {
+                Some(paging.location(front, node))
             }
         }
     };
-    let (mut moved, mut index) = (front.id(node), front.record(node));
     let (mut page, mut staging) = (model.empty_page(), Vec::new());
-    model.read_page(location, &mut staging, &mut page).map_err(|error| error.to_string())?;
-    loop {
-        let Some(record) = page.record(index) else { return Err(format!("no record {index}")) };
-        if leaf >= record.born_leaf {
-            return Ok(moved);
-        }
-        let Some(kept) = record.kept else { return Ok(0) };
-        moved = kept.id;
-        index = match kept.target {
-            Target::SamePage { record } => record,
-            Target::ChildPage { child, record } => {
-                location = page.child_location(child.into());
-                model.read_page(location, &mut staging, &mut page).map_err(|error| error.to_string())?;
-                record
-            }
-        };
+    while let Some(location) = below {
+        model.read_page(location, &mut staging, &mut page).map_err(|error| error.to_string())?;
+        below = moved_within(&page, &mut index, leaf, &mut moved)?;
     }
+    Ok(moved)
 }
 
-/// Where the page lies that the applied split of a node is in.
-fn model_location(navigator: &Navigator, mut node: u32) -> Result<PageLocation, String> {
-    let (front, paging, model) = (navigator.front(), navigator.paging(), navigator.model());
-    let number = paging.page_number(front.page_or_slot(node));
+/// Follows the kept children below record `index` of a page to that whose split moved the corner of this leaf. The child
+/// page where it goes on, if it does.
+fn moved_within(page: &Page, index: &mut u16, leaf: u32, moved: &mut u32) -> Result<Option<PageLocation>, String> {
     loop {
-        match front.parent(node) {
-            NONE => return Ok(model.roots()[node as usize].page),
-            parent => {
-                let page = paging.page(front.page_or_slot(parent));
-                if page.number() != number {
-                    return Ok(page.child_location(number.wrapping_sub(page.child_location(0).number) as usize));
-                }
-                node = parent;
+        let Some(record) = page.record(*index) else { return Err(format!("no record {index}")) };
+        if leaf >= record.born_leaf {
+            return Ok(None);
+        }
+        let Some(kept) = record.kept else {
+            *moved = 0;
+            return Ok(None);
+        };
+        *moved = kept.id;
+        match kept.target {
+            Target::SamePage { record } => *index = record,
+            Target::ChildPage { child, record } => {
+                *index = record;
+                return Ok(Some(page.child_location(child.into())));
             }
         }
     }

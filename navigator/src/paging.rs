@@ -143,7 +143,7 @@ impl Paging {
     }
 
     /// Where the page lies that the split of an active node is in.
-    fn location(&self, front: &Front, node: u32) -> PageLocation {
+    pub fn location(&self, front: &Front, node: u32) -> PageLocation {
         match front.parent(node) {
             // The roots are the first nodes of the front, in their order.
             NONE => self.model.roots()[node as usize].page,

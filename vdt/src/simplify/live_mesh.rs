@@ -8,12 +8,12 @@
 //!
 //! What each triangle answers for, where certified switch values are asked for, is beside them (`bound`).
 //!
-//! Memory: 108 bytes per vertex, 20 per triangle, what `bound` needs, the pool of 4 bytes per corner, and 8 + 8 + 4 on average for each star.
+//! Memory: 108 bytes per vertex, 20 per triangle, what `bound` needs, the pool of 4 bytes per corner, and 8 + 8 + 4 on
+//! average for each star.
 
 use bytemuck::{Pod, Zeroable};
 
 use crate::ingest::power_of_two;
-
 use crate::tree::ErrorBound;
 
 use super::bound::Covers;

@@ -19,8 +19,6 @@ use crate::simplify::live_mesh::LiveMesh;
 #[derive(Debug, Default)]
 pub(super) struct Reverse {
     cutter: Cutter,
-    /// The old triangles, eight at a time.
-    lanes: Vec<Triangles>,
     /// Where each old spoke ends, relative to the vertex that goes.
     spokes: Vec<[f32; 3]>,
     /// For each old triangle, the squared distance of the vertex that stays.
@@ -59,16 +57,14 @@ impl Reverse {
         let count = fan.order.len();
         self.spokes.clear();
         self.spokes.extend(fan.corners.iter().map(|corner| minus(position(*corner), origin)));
-        self.lanes.clear();
         self.from_stays.clear();
         let stays_vector = Vectors::all(minus(position(stays), origin));
         for first in (0..count).step_by(LANES) {
             let end = count.min(first + LANES);
             let a = Vectors::of(self.spokes[first..end].iter().copied());
             let b = Vectors::of(self.spokes[first + 1..=end].iter().copied());
-            let triangles = Triangles::new(a, b);
-            self.from_stays.extend_from_slice(&triangles.square_distance(stays_vector).0[..end - first]);
-            self.lanes.push(triangles);
+            let squares = Triangles::new(a, b).square_distance(stays_vector);
+            self.from_stays.extend_from_slice(&squares.0[..end - first]);
         }
         let last = if fan.is_closed() { count - 1 } else { 0 };
         self.bounds.clear();

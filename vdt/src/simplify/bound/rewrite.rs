@@ -310,6 +310,18 @@ impl Rewriter {
         self.row(target, piece).iter().fold(0.0, |farthest, square| square.max(farthest))
     }
 
+    /// The target that a piece is least far from whole, and how far its farthest corner is, squared.
+    fn least_far(&self, piece: usize) -> (usize, f32) {
+        let (mut best, mut square) = (0, f32::INFINITY);
+        for target in 0..self.targets.len() {
+            let farthest = self.farthest(target, piece);
+            if farthest < square {
+                (best, square) = (target, farthest);
+            }
+        }
+        (best, square)
+    }
+
     /// Hands on what is with a fan.
     fn collect_fan(&mut self, mesh: &LiveMesh, gone: u32, origin: [f32; 3]) {
         let sectors = self.targets.len();
@@ -376,13 +388,7 @@ impl Rewriter {
         }
         for index in 0..pieces {
             let piece = self.collected[index];
-            let (mut best, mut square) = (0, f32::INFINITY);
-            for sector in 0..sectors {
-                let farthest = self.farthest(sector, index);
-                if farthest < square {
-                    (best, square) = (sector, farthest);
-                }
-            }
+            let (best, square) = self.least_far(index);
             if piece.base + square.sqrt() > budget {
                 let mut shape = Shape::default();
                 for corner in 0..piece.corner_count() {
@@ -474,13 +480,7 @@ impl Rewriter {
             self.targets[owner].take(distance, Source::Collected(index), self.most_kept);
         }
         for index in 0..handed_on {
-            let (mut best, mut square) = (0, f32::INFINITY);
-            for target in 0..self.targets.len() {
-                let farthest = self.farthest(target, index);
-                if farthest < square {
-                    (best, square) = (target, farthest);
-                }
-            }
+            let (best, square) = self.least_far(index);
             self.hand_on(best, self.collected[index].base, square, Source::Collected(index));
         }
     }
