@@ -651,10 +651,13 @@ fn through_groups<M: CollapseMetric, R: Send>(
     while !seams.is_empty() {
         let groups = group(&seams, plan, workspaces.len());
         // A group that is too large for one thread of several has the memory of all.
-        let largest =
-            groups.iter().map(|range| range.iter().map(|seam| seam.load(plan)).sum::<u64>()).max().unwrap_or(0);
+        let sizes = groups.iter().map(|group| {
+            let load: u64 = group.iter().map(|seam| seam.load(plan)).sum();
+            (load, group.iter().map(Seam::triangles).sum())
+        });
+        let (largest, triangles) = sizes.max().unwrap_or_default();
         if largest > plan.seam_triangles {
-            return Err(SimplifyError::Seam { triangles: largest, needed: Plan::memory_for_core(largest, plan.bound) });
+            return Err(SimplifyError::Seam { triangles, needed: Plan::memory_for_core(largest, plan.bound) });
         }
         let threads = if largest > plan.group_triangles { 1 } else { workspaces.len() };
         let is_last = groups.len() == 1;
