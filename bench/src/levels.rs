@@ -14,6 +14,7 @@ use metanode::model::Model;
 use metanode::{ModelOptions, UniformCut, WriteResources, error_for_triangles, write_model};
 use storage::{ByteSize, Disk, EdgeTreeKind, LocalDisk, MemoryDisk, Scratch};
 use vdt::build::{BuildOptions, build};
+use vdt::ingest::PositionsRule;
 use vdt::tree::{ErrorBound, Metric, Strategy};
 
 use crate::surface::Mesh;
@@ -25,13 +26,14 @@ const MEMORY: ByteSize = ByteSize(1 << 40);
 pub fn build_model(mesh: &Path, strategy: Strategy) -> Result<Model> {
     let (metric, error_bound) = (Metric::Quadric, ErrorBound::default());
     let edge_tree = EdgeTreeKind::default();
-    let options = BuildOptions { memory: MEMORY, threads: 1, metric, strategy, error_bound, edge_tree };
+    let positions = PositionsRule::LOSSLESS;
+    let options = BuildOptions { memory: MEMORY, threads: 1, metric, strategy, error_bound, edge_tree, positions };
     let paths = [mesh.to_path_buf()];
     let (tree, report) = build(&LocalDisk, &paths, &options, &Scratch::in_memory(), None, &mut |_| ())?;
     let disk: Arc<dyn Disk> = Arc::new(MemoryDisk::new());
     let path = PathBuf::from("model.vdt");
-    let (blocking, input_error) = (Blocking::default(), report.input_error);
-    let model_options = ModelOptions { blocking, metric, strategy, error_bound, input_error };
+    let (blocking, input_error, positions) = (Blocking::default(), report.input_error, report.positions);
+    let model_options = ModelOptions { blocking, metric, strategy, error_bound, input_error, positions };
     write_model(disk.clone(), &path, &tree, &model_options, &WriteResources::in_memory(), &mut |_| ())?;
     Ok(Model::open(disk.as_ref(), &path)?)
 }

@@ -13,8 +13,9 @@ use metanode::header::{Blocking, ErrorBound, Metric, Strategy};
 use navigator::PathSpec;
 use storage::{ByteSize, EdgeTreeKind};
 use vdt::generate::{Shape, TRIANGLES};
+use vdt::ingest::PositionsRule;
 
-use crate::bench::StrategyChoice;
+use crate::bench::{Blockings, StrategyChoice};
 
 /// View-dependent models of triangle meshes: build one, check it, take levels of detail out of it, and fly through it
 /// in a RAM budget that you set.
@@ -55,7 +56,7 @@ pub enum Command {
     Navigate(NavigateOptions),
     /// Say how far two meshes are apart: mean, root mean square and largest distance, both ways.
     Compare(CompareOptions),
-    /// Measure how meshes are built: the paper's Table 1, or bytes moved against memory.
+    /// Measure how meshes are built, what models state, and what flights read: the paper's Table 1 and more.
     Bench(BenchOptions),
 }
 
@@ -109,6 +110,7 @@ pub struct GenerateOptions {
                              vdt build scan.obj -o scan.vdt --memory 2G\n  \
                              vdt build part1.stl part2.stl -o both.vdt --metric length --strategy btree\n  \
                              vdt build scan.obj -o scan.vdt --error-bound tight\n  \
+                             vdt build part.stl -o part.vdt --positions lossless\n  \
                              vdt build huge.ply --dry-run")]
 pub struct BuildOptions {
     /// Mesh files; several are taken as one mesh.
@@ -141,6 +143,11 @@ pub struct BuildOptions {
     /// The B-tree of edges on disk for btree: redb, or sled where the memory is what sled was measured to need.
     #[arg(long, default_value_t, value_parser = one_of(&EdgeTreeKind::ALL))]
     pub edge_tree: EdgeTreeKind,
+    /// How positions are kept: lossless; 10 to 24, rounded to a lattice of fewer than 2^BITS steps along the longest axis of
+    /// the mesh; or auto, lossless where the mesh has a lattice of its own, as terrain in metres has, else 16 bits or as many
+    /// more as fine edges need.
+    #[arg(long, default_value_t, value_name = "auto|lossless|BITS")]
+    pub positions: PositionsRule,
     /// How the tree is cut into meta-nodes: forest:SLOT,CHILDREN fills slots of SLOT bytes, each with at most CHILDREN
     /// child meta-nodes; levels:L gives each meta-node L levels of one binary tree, as the paper does.
     #[arg(long, default_value_t, value_parser = blocking)]
@@ -171,10 +178,19 @@ fn blocking(text: &str) -> Result<Blocking, String> {
 
 /// `vdt info`
 #[derive(Debug, Args)]
-#[command(after_long_help = "Examples:\n  vdt info bunny.vdt\n  vdt info bunny.obj\n  vdt info --json bunny.vdt")]
+#[command(after_long_help = "Examples:\n  vdt info bunny.vdt\n  vdt info bunny.vdt --pages\n  vdt info bunny.obj\n  \
+                             vdt info --json bunny.vdt")]
 pub struct InfoOptions {
     /// A model, or a mesh of any format that can be read.
+    ///
+    /// Of a model it tells counts, box, how positions are kept, errors, meta-nodes, bytes by section, and how it was built.
+    /// Of a mesh it tells the numbers of elements, the box, and which attributes there are: normals, colours and texture
+    /// coordinates of vertices, faces and corners, materials and their images. The file is read once, in little memory.
     pub file: PathBuf,
+    /// Decode all pages of a model, too: for its smallest error, the triangles that are left at some errors, and the bytes
+    /// of each kind of field. About a second for a million vertices.
+    #[arg(long)]
+    pub pages: bool,
 }
 
 /// `vdt verify`
@@ -482,6 +498,26 @@ pub enum BenchCommand {
     Io(IoBenchOptions),
     /// The errors that a model states of its levels of detail, against measured ones.
     Error(ErrorBenchOptions),
+    /// Sizes and shapes of meta-nodes: how full they are, and what a flight reads.
+    Blocking(BlockingBenchOptions),
+    /// How fast the meta-nodes of a model are decoded.
+    Decode(DecodeBenchOptions),
+}
+
+/// `vdt bench decode`
+#[derive(Debug, Args)]
+#[command(
+    after_long_help = "Examples:\n  vdt bench decode dragon.vdt\n  vdt bench decode dragon.vdt --threads 4 --json"
+)]
+pub struct DecodeBenchOptions {
+    /// A model.
+    pub model: PathBuf,
+    /// Up to how many threads. [default: as many as the machine runs at once]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub threads: Option<u16>,
+    /// How often the model is decoded by each number of threads; the run with the least CPU time counts.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub runs: u32,
 }
 
 /// `vdt bench table1`
@@ -592,6 +628,77 @@ pub struct ErrorBenchOptions {
     pub force: bool,
 }
 
+/// `vdt bench blocking`
+#[derive(Debug, Args)]
+#[command(
+    after_long_help = "Each mesh is built once, and its tree then blocked in all ways asked for. Three flights follow: with \
+                       RAM for the whole model, so that nothing is read twice; within --memory, each page read when it \
+                       is missing; and the same with an I/O thread, in time, which may miss pages. A model is flown over \
+                       as it is blocked.\n\n\
+                       Examples:\n  vdt bench blocking bunny.ply --plot blocking.svg\n  \
+                       vdt bench blocking scan.ply --blocking levels:5 --blocking forest:8K..64K,16 --positions 16\n  \
+                       vdt bench blocking bunny.vdt dragon.vdt --path orbit:600 --memory 8M"
+)]
+pub struct BlockingBenchOptions {
+    /// Meshes to be built and blocked, and models to be taken as they are.
+    #[arg(required = true, value_name = "MESH|MODEL.vdt")]
+    pub files: Vec<PathBuf>,
+    /// How meshes are blocked: one as for build, or a range as in levels:3..8 or forest:8K..128K,16. May be given several
+    /// times.
+    #[arg(long, value_name = "BLOCKING", default_values = ALL_BLOCKINGS)]
+    pub blocking: Vec<Blockings>,
+    /// The camera path: orbit:FRAMES, flyby:FRAMES, or a file of cameras, as for navigate.
+    #[arg(long, default_value = "flyby:300")]
+    pub path: PathSpec,
+    /// RAM for a flight, as for navigate.
+    #[arg(long, default_value = "16M")]
+    pub memory: ByteSize,
+    /// Error to be seen at most, in pixels.
+    #[arg(long, default_value_t = 1.0, value_parser = positive)]
+    pub pixels: f32,
+    /// Size of the picture that the pixels are of.
+    #[arg(long, default_value = "1920x1080")]
+    pub size: PictureSize,
+    /// Frames a second of the flight in time; 0: each as soon as the last one is done.
+    #[arg(long, default_value_t = 60.0, value_parser = not_negative)]
+    pub frame_rate: f64,
+    /// How positions of meshes are kept, as for build.
+    #[arg(long, default_value_t, value_name = "auto|lossless|BITS")]
+    pub positions: PositionsRule,
+    /// RAM for building.
+    #[arg(long, default_value = "256M")]
+    pub build_memory: ByteSize,
+    /// How many threads may work on a build. [default: as many as the machine runs at once]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub threads: Option<u16>,
+    /// Folder for models and temporary files. [default: the system's for temporary files]
+    #[arg(long, value_name = "DIR")]
+    pub scratch: Option<PathBuf>,
+    /// Draw the bytes read in a frame against the size of the place holders into this file.
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// Replace an existing picture.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// What is measured unless something else is asked for.
+const ALL_BLOCKINGS: [&str; 5] =
+    ["levels:3..8", "forest:8K..128K,8", "forest:8K..128K,16", "forest:8K..128K,32", "forest:8K..128K,64"];
+
+impl BlockingBenchOptions {
+    /// The blockings asked for, each once.
+    pub fn blockings(&self) -> Vec<Blocking> {
+        let mut all: Vec<Blocking> = Vec::new();
+        for blocking in self.blocking.iter().flat_map(Blockings::all) {
+            if !all.contains(blocking) {
+                all.push(*blocking);
+            }
+        }
+        all
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -603,7 +710,7 @@ mod tests {
 
     #[test]
     fn values_as_people_write_them() {
-        assert_eq!(blocking("forest:32K,8"), Ok(Blocking::default()));
+        assert_eq!(blocking("forest:16K,8"), Ok(Blocking::default()));
         assert_eq!(blocking("levels:5"), Ok(Blocking::Levels { levels: 5 }));
         assert_eq!("0.1%".parse(), Ok(ErrorArgument::Percent(0.1)));
         assert_eq!("0".parse(), Ok(ErrorArgument::Units(0.0)));

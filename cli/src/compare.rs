@@ -49,11 +49,16 @@ pub fn available_threads() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// A model holds many meshes; which one is meant has to be said.
-pub fn refuse_a_model(path: &Path) -> Result<()> {
+/// Whether a file says that it is a model.
+pub fn is_model(path: &Path) -> Result<bool> {
     let mut start = [0; MAGIC.len()];
     let count = LocalDisk.open(path)?.read_at(0, &mut start)?;
-    if start[..count] == MAGIC {
+    Ok(start[..count] == MAGIC)
+}
+
+/// A model holds many meshes; which one is meant has to be said.
+pub fn refuse_a_model(path: &Path) -> Result<()> {
+    if is_model(path)? {
         bail!(
             "{}: this is a model, not a mesh; take a level of detail out of it first, as in `vdt extract {} -o mesh.ply \
              --error 0`",
@@ -93,6 +98,9 @@ fn report(options: &CompareOptions, found: &Comparison, costs: &Costs) -> Report
             report.line(if number == 0 { "largest" } else { "" }, format!("{name} at {x}, {y}, {z}"));
         }
     }
+    for (name, _) in directions.iter().filter(|(_, side)| side.is_some_and(|side| !side.is_max_settled)) {
+        report.line("note", format!("{name}: the search for the max ended early; look at what it is at most"));
+    }
     if let Some(hausdorff) = found.hausdorff() {
         report.line("Hausdorff", format!("{}, {} of the diagonal", length(hausdorff), percent(hausdorff)));
     }
@@ -123,6 +131,7 @@ fn to_json(options: &CompareOptions, found: &Comparison, costs: &Costs) -> Value
         document[format!("{name}_max")] = json!(side.map(|side| side.max));
         document[format!("{name}_max_at")] = json!(side.map(|side| side.max_at));
         document[format!("{name}_max_at_most")] = json!(side.map(|side| side.max_at_most));
+        document[format!("{name}_max_settled")] = json!(side.map(|side| side.is_max_settled));
     }
     document
 }

@@ -74,8 +74,9 @@ fn message(error: &anyhow::Error) -> String {
 /// On Ctrl-C or a request to terminate: an output that is not whole yet goes, its predecessor stays. A build that was
 /// started to be measured ends, too.
 fn stop() {
-    let _ended = bench::end();
+    // Nothing is written any more before the bench's folder is removed.
     let _standstill = storage::remove_unfinished();
+    let _ended = bench::end();
     eprintln!("vdt: interrupted");
     std::process::exit(INTERRUPTED);
 }

@@ -7,6 +7,7 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use storage::Disk;
+use vdt::tree::Positions;
 
 /// Facts with labels, printed as two columns, or as JSON.
 #[derive(Debug, Default)]
@@ -73,8 +74,22 @@ pub fn bound(value: f64) -> String {
 }
 
 /// What was lost before the first collapse.
-pub fn input_error(value: f32) -> String {
-    format!("{}: single precision, and triangles without area that were left out", bound(value.into()))
+pub fn input_error(value: f32, positions: Positions) -> String {
+    let moved = match positions {
+        Positions::Lossless => "single precision",
+        Positions::Bits(_) => "the lattice",
+    };
+    format!("{}: {moved}, and triangles without area that were left out", bound(value.into()))
+}
+
+/// How positions are kept.
+pub fn positions(positions: Positions, lattice_step: f32) -> String {
+    let step = length(lattice_step.into());
+    match positions {
+        Positions::Lossless if lattice_step > 0.0 => format!("lossless, on a lattice with steps of {step}"),
+        Positions::Lossless => "lossless".into(),
+        Positions::Bits(bits) => format!("{bits} bits: rounded to a lattice with steps of {step}"),
+    }
 }
 
 /// Refuses an output that exists, unless it may be replaced, one whose folder does not exist, one that is no plain file,

@@ -1,22 +1,23 @@
 //! Uniform cuts, streaming: the mesh in which exactly the splits with a switch value above an error are applied.
 //!
-//! No split of such a cut has to be forced: ids are ordered by switch value first, so the cut is a prefix of the order
-//! in which the surface is refined (design, 1).
+//! No split of such a cut has to be forced: what a collapse depends on has no larger switch value, so the cut is a state of
+//! the construction (design, 1).
 //!
 //! A leaf begins the interval of an active node just where the leaf was born by an applied split, or begins a tree. So
 //! one bit for each leaf is the whole cut: the active ancestor of a leaf is the last set bit at or before it, and its
 //! vertex number the rank of that bit. A triangle is active where its birth split is applied (design, 1).
 //!
-//! RAM: 1.5 bits for each leaf, two or so pages for the triangles, up to 32 pages and 56 bytes for each level of the
-//! binary tree for the vertices, 9 bytes for each tree; for the statement, where parts have vanished, 31 bytes for each of
-//! those and a bit for each vertex. I/O: each page with an applied split once for the counts, once for the triangles and
-//! (but for a few near the root) once for the vertices; for the statement, where parts have vanished, once more for the
-//! triangles and three times for the vertices.
+//! RAM: 1.5 bits for each leaf, a page for each level of the page tree, 56 bytes for each level of the binary tree for the
+//! vertices, 9 bytes for each tree; for the statement, where parts have vanished, 31 bytes for each of those and a bit for
+//! each vertex. I/O: each page with an applied split, or on the way to a tree with one, once for the counts, once for the
+//! triangles and once for the vertices; for the statement, where parts have vanished, once more for the triangles and three
+//! times for the vertices.
 
 use crate::bits::{Bits, RankedBits};
+use crate::chain::PageChain;
 use crate::header::ModelError;
 use crate::model::Model;
-use crate::page::{ChildEntry, NONE_32, Page, PageLocation, Target};
+use crate::page::{ChildEntry, PageLocation, Target};
 use crate::statement::{Drawn, Statement};
 use crate::vanished::VanishedParts;
 use crate::walk::walk;
@@ -104,11 +105,15 @@ impl<'a> UniformCut<'a> {
         &self,
         mut action: impl FnMut([f32; 3]) -> Result<(), E>,
     ) -> Result<(), E> {
-        let mut pages = RecentPages::new(self.model);
+        // Of a page's children, those by smaller leaves come before those by larger ones: none is come back to.
+        let mut chain = PageChain::new(self.model);
         let mut left = self.vertex_count();
         let mut stack = Vec::new();
         for root in self.model.roots() {
-            self.expand(&mut stack, root.switch, root.page, None, root.record);
+            if root.switch > self.error {
+                let parent = chain.page_of_tree(root.page)?.parent();
+                self.expand(&mut stack, root.switch, root.page, parent, root.record);
+            }
             // On top: where the root stands comes before all that is born below it.
             stack.push(Step::Vertex(root.position));
             while let Some(step) = stack.pop() {
@@ -119,7 +124,7 @@ impl<'a> UniformCut<'a> {
                         action(position)?;
                     }
                     Step::Split { location, parent, record: index } => {
-                        let page = pages.get(location, parent)?;
+                        let page = chain.page(location, parent)?;
                         let record = page.record(index).ok_or_else(|| {
                             self.model.damaged_page(location.number, format!("it has no record {index}"))
                         })?;
@@ -225,65 +230,10 @@ enum Step {
     /// What is born below a node whose split is applied.
     Split {
         location: PageLocation,
-        /// The page from which this one was entered.
+        /// Its parent page.
         parent: Option<u32>,
         record: u16,
     },
-}
-
-/// The most pages that [`RecentPages`] holds.
-const RECENT_PAGES: usize = 32;
-
-/// The pages that were needed last: with one for each level of the page tree, a traversal in the order of the leaves
-/// finds most of what it comes back to.
-struct RecentPages<'a> {
-    model: &'a Model,
-    /// Each with the time of its last use.
-    pages: Vec<(u64, PageLocation, Page)>,
-    staging: Vec<u8>,
-    /// Index of the page used last.
-    last: usize,
-    time: u64,
-}
-
-impl<'a> RecentPages<'a> {
-    fn new(model: &'a Model) -> Self {
-        RecentPages { model, pages: Vec::new(), staging: Vec::new(), last: 0, time: 0 }
-    }
-
-    /// The page at `location`, entered from page `parent` (`None`: from a tree's root).
-    fn get(&mut self, location: PageLocation, parent: Option<u32>) -> Result<&Page, ModelError> {
-        self.time += 1;
-        let is_there = |(_, at, _): &(u64, PageLocation, Page)| *at == location;
-        if !self.pages.get(self.last).is_some_and(is_there) {
-            self.last = match self.pages.iter().position(is_there) {
-                Some(index) => index,
-                None => self.read(location)?,
-            };
-        }
-        let (used, _, page) = &mut self.pages[self.last];
-        *used = self.time;
-        if parent.is_some() && page.parent() != parent {
-            let problem = format!("its parent is given as {:?}", page.parent());
-            return Err(self.model.damaged_page(location.number, problem));
-        }
-        Ok(page)
-    }
-
-    fn read(&mut self, location: PageLocation) -> Result<usize, ModelError> {
-        let most = (self.model.header().page_levels as usize).saturating_add(2).min(RECENT_PAGES);
-        if self.pages.len() < most {
-            self.pages.push((0, location, self.model.empty_page()));
-        }
-        let oldest = self.pages.iter().enumerate().min_by_key(|(_, (used, _, _))| *used);
-        let index = oldest.map_or(0, |(index, _)| index);
-        let (_, at, page) = &mut self.pages[index];
-        // Should the read fail, the page is empty and nobody's.
-        *at = PageLocation { number: NONE_32, offset: 0, length: 0 };
-        self.model.read_page(location, &mut self.staging, page)?;
-        *at = location;
-        Ok(index)
-    }
 }
 
 /// Buckets of a histogram over half of a switch value's bits.
@@ -542,8 +492,7 @@ mod tests {
             let cut = UniformCut::new(&model, 0.0).unwrap();
             disk.fail_reads_after(pages);
             cut.for_each_triangle(|_| Ok::<_, ModelError>(())).unwrap();
-            // Few come back to a page that had to go.
-            disk.fail_reads_after(pages + pages / 4);
+            disk.fail_reads_after(pages);
             cut.for_each_vertex(|_| Ok::<_, ModelError>(())).unwrap();
             // The roots alone need none.
             disk.fail_reads_after(0);

@@ -1,9 +1,9 @@
-//! The fixed parts of a model file: header, root table, root page table. All little endian.
+//! The fixed parts of a model file: header, root table, root page table, way table. All little endian.
 //!
 //! ```text
 //! offset  bytes  header (256 bytes)
 //!      0      8  magic "VDTMODEL"
-//!      8      4  version of the format: 2
+//!      8      4  version of the format: 3
 //!     12      4  feature flags: 0; a reader refuses flags that it does not know
 //!     16      4  bytes of this header: 256
 //!     20      4  leaves (vertices)
@@ -13,7 +13,7 @@
 //!     36      4  meta-nodes (pages)
 //!     40      4  root pages: meta-nodes without a parent
 //!     44      4  bytes of the largest page, decoded: what a place holder must hold
-//!     48      4  bytes of the largest page, encoded: in this version 4 more (0 without pages)
+//!     48      4  bytes of the largest page in the file; 0 without pages
 //!     52      4  levels of the meta-node tree
 //!     56     24  origin: three f64, to be added to every position
 //!     80     24  bounding box of the positions: minimum and maximum, three f32 each
@@ -29,37 +29,51 @@
 //!    140      8  offset of the first page
 //!    148      8  length of the file
 //!    156      4  input error: no point of the input is farther from the fully refined mesh, f32
-//!    160     92  zero
+//!    160      4  exponent, i32: the mesh was simplified in units of 2 to this, at which switch values follow from ids
+//!    164      4  positions: 0 lossless, else the bits of the lattice that they were rounded to, 10 to 24
+//!    168      4  step of the lattice that all positions are on, f32; 0 without one
+//!    172      4  way pages: pages on the way to trees that begin in no root page
+//!    176      4  bytes of the coder's tables
+//!    180     72  zero
 //!    252      4  CRC-32 of the 252 bytes before
 //!
 //!    256   60 r  root table, by ascending first leaf: first leaf, end leaf, x, y, z (f32), id, switch (f32),
-//!                radius (f32), cone, record, page number, page offset (low, high), page length, zero
+//!                radius (f32), cone, record, page number, page offset (low, high), page length,
+//!                normal of the first leaf (20 bits; 31: whether the surface is inward; the others are 0)
 //!         16 p   root page table: page number, offset (low, high), length
-//!          4     CRC-32 of both tables
+//!         20 w   way table, by ascending number: page number, parent's number, offset (low, high), length
+//!          4     CRC-32 of the tables
+//!          t     the coder's tables (`codec::tables`)
+//!          4     CRC-32 of them
 //!                the pages, in the order of their numbers, without gaps
 //! ```
 
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use storage::StorageError;
 use thiserror::Error;
-use vdt::tree::NormalCone;
-pub use vdt::tree::{ErrorBound, Metric, Strategy};
+pub use vdt::tree::{ErrorBound, Metric, Positions, Strategy};
+use vdt::tree::{Normal, NormalCone};
 
 use crate::page::{PageError, PageLocation};
 
 /// The first eight bytes of every model file.
 pub const MAGIC: [u8; 8] = *b"VDTMODEL";
 /// The version of the format that this library writes, and the only one that it reads.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 /// Bytes of the header.
 pub const HEADER_BYTES: usize = 256;
 /// Words of one root.
 pub const ROOT_WORDS: usize = 15;
 /// The largest page that may be, decoded, in bytes.
 pub const LARGEST_SLOT_BYTES: u32 = 1 << 30;
+/// What the exponent of a mesh in single precision can be.
+const EXPONENTS: RangeInclusive<i32> = -149..=129;
 /// Words of one root page.
 pub const ROOT_PAGE_WORDS: usize = 4;
+/// Words of one way page.
+pub const WAY_WORDS: usize = 5;
 
 /// What is wrong with a model file.
 #[derive(Debug, Error)]
@@ -154,6 +168,8 @@ pub struct Header {
     pub page_count: u32,
     /// Meta-nodes without a parent.
     pub root_page_count: u32,
+    /// Meta-nodes with a parent in which a tree begins, or that lead to one.
+    pub way_count: u32,
     /// Bytes of the largest page decoded: the size of a place holder.
     pub slot_bytes: u32,
     /// Bytes of the largest page encoded.
@@ -175,10 +191,18 @@ pub struct Header {
     /// What the switch values are.
     pub error_bound: ErrorBound,
     /// No point of a triangle of the input files is farther than this from the fully refined mesh, in mesh units: what
-    /// single precision, and leaving out triangles without area, may have moved.
+    /// single precision or a lattice, and leaving out triangles without area, may have moved.
     pub input_error: f32,
+    /// The mesh was simplified in units of 2 to this: [`vdt::tree::switch_of`] has switch values from ids with it.
+    pub exponent: i32,
+    /// How the positions were kept.
+    pub positions: Positions,
+    /// The step of the lattice that all positions are on (`vdt::tree::on_lattice`), in mesh units; 0 where there is none.
+    pub lattice_step: f32,
     /// The blocking.
     pub blocking: Blocking,
+    /// Bytes of the coder's tables.
+    pub table_bytes: u32,
     /// Byte offset of the root table.
     pub roots_offset: u64,
     /// Byte offset of the first page.
@@ -188,9 +212,9 @@ pub struct Header {
 }
 
 impl Default for Blocking {
-    /// Forest pages of 32 KiB with up to 8 child pages.
+    /// Forest pages of 16 KiB with up to 8 child pages: what a flight reads least of (`vdt bench blocking`).
     fn default() -> Self {
-        Blocking::Forest { slot_bytes: 32 * 1024, fan_out: 8 }
+        Blocking::Forest { slot_bytes: 16 * 1024, fan_out: 8 }
     }
 }
 
@@ -235,6 +259,15 @@ impl Header {
             bytes.extend(word.to_le_bytes());
         }
         bytes.extend(self.input_error.to_le_bytes());
+        let positions = match self.positions {
+            Positions::Lossless => 0,
+            Positions::Bits(bits) => u32::from(bits),
+        };
+        bytes.extend(self.exponent.to_le_bytes());
+        bytes.extend(positions.to_le_bytes());
+        bytes.extend(self.lattice_step.to_le_bytes());
+        bytes.extend(self.way_count.to_le_bytes());
+        bytes.extend(self.table_bytes.to_le_bytes());
         let mut whole = [0; HEADER_BYTES];
         whole[..bytes.len()].copy_from_slice(&bytes);
         let checksum = crc32fast::hash(&whole[..HEADER_BYTES - 4]);
@@ -306,13 +339,35 @@ impl Header {
             pages_offset: long(140),
             file_length: long(148),
             input_error: float(156),
+            exponent: word(160).cast_signed(),
+            positions: match (word(164), u8::try_from(word(164)).map(Positions::Bits)) {
+                (0, _) => Positions::Lossless,
+                (_, Ok(bits)) if bits.is_valid() => bits,
+                (other, _) => return Err(damaged(format!("positions of {other} bits"))),
+            },
+            lattice_step: float(168),
+            way_count: word(172),
+            table_bytes: word(176),
         };
         header.check().map_err(damaged)?;
-        // Everything that version 2 does not use is zero.
+        // Everything that this version does not use is zero.
         if header.to_bytes() != *bytes {
             return Err(damaged("a field that must be 0 (or, at byte 16, 256) is not".into()));
         }
         Ok(header)
+    }
+
+    /// Where the root tables end, with their checksum.
+    pub(crate) fn after_root_tables(&self) -> u64 {
+        let words = u64::from(self.root_count) * ROOT_WORDS as u64
+            + u64::from(self.root_page_count) * ROOT_PAGE_WORDS as u64
+            + u64::from(self.way_count) * WAY_WORDS as u64;
+        self.roots_offset + 4 * words + 4
+    }
+
+    /// Where the tables of the coder end, with their checksum: the offset of the first page.
+    pub(crate) fn after_tables(&self) -> u64 {
+        self.after_root_tables() + u64::from(self.table_bytes) + 4
     }
 
     /// What must hold between the fields, whatever the model.
@@ -320,14 +375,15 @@ impl Header {
         let finite = self.origin.iter().all(|value| value.is_finite())
             && self.minimum.iter().chain(&self.maximum).all(|value| value.is_finite())
             && self.largest_switch.is_finite();
-        let tables = u64::from(self.root_count) * (ROOT_WORDS * 4) as u64
-            + u64::from(self.root_page_count) * (ROOT_PAGE_WORDS * 4) as u64
-            + 4;
         if !finite {
             Err("a coordinate is not finite".into())
         } else if !(self.input_error >= 0.0 && self.input_error.is_finite()) {
             Err(format!("the input error is given as {}", self.input_error))
-        } else if self.roots_offset != HEADER_BYTES as u64 || self.pages_offset != self.roots_offset + tables {
+        } else if !EXPONENTS.contains(&self.exponent) {
+            Err(format!("a mesh 2^{} wide cannot be", self.exponent))
+        } else if !has_lattice(self.positions, self.lattice_step) {
+            Err(format!("positions {}, in steps of {}", self.positions, self.lattice_step))
+        } else if self.roots_offset != HEADER_BYTES as u64 || self.pages_offset != self.after_tables() {
             Err(format!("sections at bytes {} and {}", self.roots_offset, self.pages_offset))
         } else if self.pages_offset > self.file_length {
             Err(format!("the file length is given as {}", self.file_length))
@@ -336,24 +392,29 @@ impl Header {
                 "{} leaves, {} splits and {} roots cannot be",
                 self.leaf_count, self.split_count, self.root_count
             ))
-        } else if self.root_page_count > self.page_count
+        } else if u64::from(self.root_page_count) + u64::from(self.way_count) > self.page_count.into()
             || self.page_levels > self.page_count
             || self.page_count > self.split_count
             || [self.root_page_count, self.page_levels, self.page_count].contains(&0) != (self.split_count == 0)
         {
             Err(format!(
-                "{} pages, {} of them roots, on {} levels, for {} splits",
-                self.page_count, self.root_page_count, self.page_levels, self.split_count
+                "{} pages, {} of them roots and {} on the way to trees, on {} levels, for {} splits",
+                self.page_count, self.root_page_count, self.way_count, self.page_levels, self.split_count
             ))
         } else if u64::from(self.largest_page_bytes) > self.file_length
             || self.slot_bytes > LARGEST_SLOT_BYTES
-            || self.largest_page_bytes != if self.page_count == 0 { 0 } else { self.slot_bytes + 4 }
+            || (self.largest_page_bytes == 0) != (self.page_count == 0)
         {
             Err(format!("pages of {} bytes, {} decoded", self.largest_page_bytes, self.slot_bytes))
         } else {
             Ok(())
         }
     }
+}
+
+/// Whether positions kept like this can have a lattice with this step, or with 0 none.
+pub(crate) fn has_lattice(positions: Positions, step: f32) -> bool {
+    positions.is_valid() && (step > 0.0 && step.is_normal() || step == 0.0 && positions == Positions::Lossless)
 }
 
 /// A root of the forest, as the file's root table has it.
@@ -365,6 +426,10 @@ pub struct ModelRoot {
     pub end: u32,
     /// Where the root stands, in mesh units relative to the origin.
     pub position: [f32; 3],
+    /// The normal of its first leaf.
+    pub normal: Normal,
+    /// Whether the tree's surface faces the other way than its triangles' orientation says.
+    pub is_inward: bool,
     /// Its dependency id.
     pub id: u32,
     /// Its switch value, in mesh units.
@@ -399,7 +464,7 @@ impl ModelRoot {
             offset as u32,
             (offset >> 32) as u32,
             length,
-            0,
+            self.normal.to_word() | u32::from(self.is_inward) << 31,
         ]
     }
 
@@ -409,6 +474,8 @@ impl ModelRoot {
             start: words[0],
             end: words[1],
             position: [words[2], words[3], words[4]].map(f32::from_bits),
+            normal: Normal::from_word(words[14] & ((1 << 31) - 1)),
+            is_inward: words[14] >> 31 == 1,
             id: words[5],
             switch: f32::from_bits(words[6]),
             radius: f32::from_bits(words[7]),
@@ -421,7 +488,7 @@ impl ModelRoot {
             },
         };
         // A root splits, so there are at least two leaves under it.
-        let sound = words[14] == 0
+        let sound = root.normal.is_valid()
             && root.end.saturating_sub(root.start) >= 2
             && root.position.iter().all(|value| value.is_finite())
             && root.switch > 0.0
@@ -429,6 +496,29 @@ impl ModelRoot {
             && root.radius >= 0.0
             && root.radius.is_finite();
         sound.then_some(root)
+    }
+}
+
+/// A page with a parent in which a tree begins, or that is on the way to such a page, as the file's way table has it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Way {
+    /// The page.
+    pub page: PageLocation,
+    /// Number of its parent: a root page, or one of the table.
+    pub parent: u32,
+}
+
+impl Way {
+    /// The words of the page in the way table.
+    pub fn to_words(&self) -> [u32; WAY_WORDS] {
+        let PageLocation { number, offset, length } = self.page;
+        [number, self.parent, offset as u32, (offset >> 32) as u32, length]
+    }
+
+    /// The inverse of [`Way::to_words`].
+    pub fn from_words(words: &[u32; WAY_WORDS]) -> Self {
+        let offset = u64::from(words[2]) | u64::from(words[3]) << 32;
+        Way { page: PageLocation { number: words[0], offset, length: words[4] }, parent: words[1] }
     }
 }
 
@@ -444,6 +534,7 @@ mod tests {
             root_count: 2,
             page_count: 3,
             root_page_count: 1,
+            way_count: 2,
             slot_bytes: 4096,
             largest_page_bytes: 4100,
             page_levels: 2,
@@ -455,9 +546,13 @@ mod tests {
             strategy: Strategy::Btree,
             error_bound: ErrorBound::Fast,
             input_error: 0.25,
+            exponent: -3,
+            positions: Positions::Bits(14),
+            lattice_step: 0.125,
+            table_bytes: 100,
             blocking: Blocking::Forest { slot_bytes: 4096, fan_out: 4 },
             roots_offset: 256,
-            pages_offset: 256 + 2 * 60 + 16 + 4,
+            pages_offset: 256 + 2 * 60 + 16 + 2 * 20 + 4 + 100 + 4,
             file_length: 10_000,
         }
     }
@@ -481,6 +576,12 @@ mod tests {
         assert_eq!(Header::from_bytes(Path::new("m.vdt"), &header.to_bytes()).unwrap(), header);
         let header = Header { blocking: Blocking::Levels { levels: 6 }, metric: Metric::Quadric, ..header };
         assert_eq!(Header::from_bytes(Path::new("m.vdt"), &header.to_bytes()).unwrap(), header);
+        for (positions, lattice_step) in
+            [(Positions::Lossless, 0.0), (Positions::Lossless, 30.0), (Positions::Bits(10), 1e-30)]
+        {
+            let header = Header { positions, lattice_step, ..header };
+            assert_eq!(Header::from_bytes(Path::new("m.vdt"), &header.to_bytes()).unwrap(), header);
+        }
         for error_bound in ErrorBound::ALL {
             let header = Header { error_bound, ..header };
             assert_eq!(Header::from_bytes(Path::new("m.vdt"), &header.to_bytes()).unwrap(), header);
@@ -494,14 +595,49 @@ mod tests {
         assert!(message(b"ply\nformat ascii 1.0").contains("not a vdt model"));
         assert!(message(b"VDTMOD").contains("not a vdt model"));
         assert!(message(&some_header().to_bytes()[..100]).contains("100 of 256 bytes"));
-        assert!(message(&with_word(8, 1)).contains("format version 1, this program reads version 2"));
+        assert!(message(&with_word(8, 2)).contains("format version 2, this program reads version 3"));
         assert!(message(&with_word(12, 4)).contains("flags 0x4"));
-        for (offset, word) in [(16, 260), (160, 1), (248, 7)] {
+        for (offset, word) in [(16, 260), (180, 1), (248, 7)] {
             assert!(message(&with_word(offset, word)).contains("must be 0"), "{offset}");
         }
-        for (offset, what) in [(108, "metric 9"), (112, "strategy 9"), (116, "error bound 9"), (120, "blocking 9")] {
+        let named = [(108, "metric 9"), (112, "strategy 9"), (116, "error bound 9"), (120, "blocking 9")];
+        for (offset, what) in named.into_iter().chain([(164, "positions of 9 bits")]) {
             assert!(message(&with_word(offset, 9)).contains(what));
         }
+    }
+
+    #[test]
+    fn a_root_comes_back_as_it_was() {
+        let page = PageLocation { number: 7, offset: 5 << 32, length: 900 };
+        let mut root = ModelRoot {
+            start: 3,
+            end: 9,
+            position: [1.0, -2.0, 3.5],
+            normal: Normal::encode([1.0, 2.0, -3.0]),
+            is_inward: false,
+            id: 77 << 16 | 4,
+            switch: 0.5,
+            radius: 2.0,
+            cone: NormalCone { axis: [1, -2, 127], sine: 9 },
+            record: 5,
+            page,
+        };
+        for is_inward in [false, true] {
+            root.is_inward = is_inward;
+            assert_eq!(ModelRoot::from_words(&root.to_words()), Some(root));
+        }
+        let refused = |word: usize, value: u32| {
+            let mut words = root.to_words();
+            words[word] = value;
+            assert_eq!(ModelRoot::from_words(&words), None, "{word}: {value:#x}");
+        };
+        (20..31).for_each(|bit| refused(14, root.normal.to_word() | 1 << bit));
+        refused(0, 8);
+        refused(1, 2);
+        refused(9, 1 << 16);
+        [2, 3, 4, 6, 7].into_iter().for_each(|word| refused(word, f32::NAN.to_bits()));
+        refused(6, 0);
+        refused(7, (-1.0_f32).to_bits());
     }
 
     #[test]
@@ -509,12 +645,24 @@ mod tests {
         let header = some_header();
         assert!(refused(&Header { split_count: 97, ..header }).contains("cannot be"));
         assert!(refused(&Header { page_count: 99, ..header }).contains("99 pages"));
+        assert!(refused(&Header { page_count: 2, ..header }).contains("1 of them roots and 2 on the way"));
+        assert!(refused(&Header { way_count: 1, ..header }).contains("sections"));
         assert!(refused(&Header { page_levels: 0, ..header }).contains("on 0 levels"));
-        assert!(refused(&Header { largest_page_bytes: 4096, ..header }).contains("pages of 4096 bytes"));
-        assert!(refused(&Header { file_length: 300, ..header }).contains("file length"));
+        assert!(refused(&Header { table_bytes: 96, ..header }).contains("sections"));
+        for largest_page_bytes in [0, 10_001] {
+            let message = refused(&Header { largest_page_bytes, ..header });
+            assert!(message.contains(&format!("pages of {largest_page_bytes} bytes")), "{message}");
+        }
+        assert!(refused(&Header { file_length: 439, ..header }).contains("file length"));
         assert!(refused(&Header { pages_offset: 400, ..header }).contains("sections"));
         assert!(refused(&Header { maximum: [f32::NAN; 3], ..header }).contains("not finite"));
         assert!(refused(&Header { slot_bytes: u32::MAX, ..header }).contains("decoded"));
+        for exponent in [-150, 130, i32::MIN] {
+            assert!(refused(&Header { exponent, ..header }).contains("cannot be"));
+        }
+        for lattice_step in [0.0, -1.0, f32::NAN, f32::INFINITY, 1e-40] {
+            assert!(refused(&Header { lattice_step, ..header }).contains("in steps of"));
+        }
         for input_error in [-1.0, f32::NAN, f32::INFINITY] {
             assert!(refused(&Header { input_error, ..header }).contains("input error"));
         }

@@ -5,20 +5,28 @@
 //! | [`page`] | the decoded meta-node: what lies in a place holder | the paper, 3.2; design, 4 |
 //! | [`header`] | the model file's header and root table, byte by byte | |
 //! | [`blocking`] | which splits share a meta-node, and in which order | the paper, 3.2; design, 4 |
+//! | `codec` | a page as few bits as it needs | `facts/codec.md` |
 //! | `leaf_order` | a tree of any size, looked up through caches | |
 //! | [`mod@write`] | writes a tree as a model file | |
 //! | [`model`] | a model file open for reading | |
+//! | [`chain`] | the pages on the way down to one, which decoding it needs | design, 4 |
 //! | [`mod@verify`] | checks a whole model file, believing nothing | design, 6 |
+//! | [`decode`] | all pages decoded by several threads: what decoding costs | |
 //! | [`cut`] | uniform cuts, streaming: the mesh of one error | the paper, 3.3.1 |
 //! | [`statement`] | what can be said of a surface drawn: how far the input is from it | design, 1 |
 //! | [`vanished`] | parts that are not drawn at all, and how far from the surface they are | |
 //! | [`mod@statistics`] | how full the pages are, how long the paths, where the bytes go | |
+//! | [`mod@details`] | what only the decoded pages tell: smallest error, levels of detail, what the fields take | |
 //!
 //! The bytes of the file are documented in `docs/format.md`.
 
 mod bits;
 pub mod blocking;
+pub mod chain;
+mod codec;
 pub mod cut;
+pub mod decode;
+pub mod details;
 pub mod header;
 mod leaf_order;
 pub mod model;
@@ -30,7 +38,9 @@ pub mod verify;
 mod walk;
 pub mod write;
 
+pub use codec::FieldBits;
 pub use cut::{UniformCut, error_for_triangles};
+pub use details::{ModelDetails, details};
 pub use statement::Statement;
 pub use statistics::{ModelStatistics, statistics};
 pub use verify::{VerifyError, VerifyReport, verify};

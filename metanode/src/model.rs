@@ -1,14 +1,16 @@
 //! A model file open for reading: header and root table in RAM, pages on disk.
 //!
-//! RAM: 60 bytes for each root (component) and 16 for each root page; nothing else that grows with the model. Each page
-//! is one positioned read. The file is shared by as many threads as like.
+//! RAM: 60 bytes for each root (component), 16 for each root page and 24 for each page on the way to a tree that begins in
+//! no root page; nothing else that grows with the model. Each page is one positioned read, and is decoded with all its
+//! ancestors at hand. The file is shared by as many threads as like.
 
 use std::path::Path;
 use std::sync::Arc;
 
 use storage::{Disk, ReadAt};
 
-use crate::header::{HEADER_BYTES, Header, ModelError, ModelRoot, ROOT_PAGE_WORDS, ROOT_WORDS};
+use crate::codec::{self as coder, Context, FieldBits, Head, PageDecoder, Shape};
+use crate::header::{HEADER_BYTES, Header, ModelError, ModelRoot, ROOT_PAGE_WORDS, ROOT_WORDS, WAY_WORDS, Way};
 use crate::page::{Page, PageLocation};
 
 /// A model file open for reading.
@@ -17,7 +19,12 @@ pub struct Model {
     file: Arc<dyn ReadAt>,
     header: Header,
     roots: Vec<ModelRoot>,
+    /// The indices of the roots, by the page that their splits are in, and there by record.
+    roots_by_page: Vec<u32>,
     root_pages: Vec<PageLocation>,
+    ways: Vec<Way>,
+    shape: Shape,
+    tables: coder::Tables,
 }
 
 impl Model {
@@ -35,8 +42,16 @@ impl Model {
             );
             return Err(ModelError::Damaged { path: path.into(), part: "file".into(), problem });
         }
-        let (roots, root_pages) = read_tables(file.as_ref(), &header)?;
-        Ok(Model { file, header, roots, root_pages })
+        let Tables { roots, root_pages, ways } = Tables::read(file.as_ref(), &header)?;
+        let (tables, frequent) = read_coder_tables(file.as_ref(), &header)?;
+        let mut roots_by_page: Vec<u32> = (0..roots.len() as u32).collect();
+        roots_by_page.sort_by_key(|index| {
+            let root: &ModelRoot = &roots[*index as usize];
+            (root.page.number, root.record)
+        });
+        let Header { leaf_count, exponent, lattice_step, .. } = header;
+        let shape = Shape { leaf_count, exponent, lattice_step, frequent };
+        Ok(Model { file, header, roots, roots_by_page, root_pages, ways, shape, tables })
     }
 
     /// The path under which the file was opened.
@@ -59,11 +74,34 @@ impl Model {
         &self.root_pages
     }
 
+    /// The meta-nodes with a parent in which a tree begins, or that lead to one, by ascending number.
+    pub fn ways(&self) -> &[Way] {
+        &self.ways
+    }
+
+    /// The ancestors of a page in which a tree begins, from its root page down to its parent: none for a root page, nor
+    /// for a page that is in no table.
+    pub fn way_to(&self, page: u32) -> Vec<PageLocation> {
+        let way_at =
+            |page: u32| self.ways.binary_search_by_key(&page, |way| way.page.number).map(|way| &self.ways[way]);
+        let mut way = Vec::new();
+        let mut number = page;
+        // Each parent has a smaller number, so this ends.
+        while let Ok(Way { parent, .. }) = way_at(number) {
+            number = *parent;
+            way.extend(way_at(number).map(|way| way.page).ok().or(self.root_pages.get(number as usize).copied()));
+        }
+        way.reverse();
+        way
+    }
+
     /// Bytes of RAM that this holds.
     pub fn resident_bytes(&self) -> usize {
         size_of::<Self>()
-            + self.roots.capacity() * size_of::<ModelRoot>()
+            + self.roots.capacity() * (size_of::<ModelRoot>() + size_of::<u32>())
+            + self.tables.ram_bytes()
             + self.root_pages.capacity() * size_of::<PageLocation>()
+            + self.ways.capacity() * size_of::<Way>()
     }
 
     /// A page with room for any page of this model, empty.
@@ -71,23 +109,12 @@ impl Model {
         Page::with_slot_bytes(self.header.slot_bytes as usize)
     }
 
-    /// The indices of the roots, by the page that their splits are in.
-    pub(crate) fn roots_by_page(&self) -> Vec<u32> {
-        let mut indices: Vec<u32> = (0..self.roots.len() as u32).collect();
-        indices.sort_by_key(|index| self.roots[*index as usize].page.number);
-        indices
-    }
-
-    /// Of the indices that [`Model::roots_by_page`] gave, those of the roots in page `number`.
-    pub(crate) fn roots_in_page<'a>(&self, by_page: &'a [u32], number: u32) -> &'a [u32] {
+    /// The indices of the roots whose splits are in page `number`, by record.
+    pub(crate) fn roots_in_page(&self, number: u32) -> &[u32] {
+        let by_page = &self.roots_by_page;
         let first = by_page.partition_point(|index| self.roots[*index as usize].page.number < number);
         let count = by_page[first..].partition_point(|index| self.roots[*index as usize].page.number == number);
         &by_page[first..first + count]
-    }
-
-    /// Fills `buffer` from byte `offset` of the file on.
-    pub(crate) fn read_bytes(&self, offset: u64, buffer: &mut [u8]) -> Result<(), ModelError> {
-        Ok(self.file.read_exact_at(offset, buffer)?)
     }
 
     /// The error that says that meta-node `number` is not as it must be.
@@ -95,9 +122,23 @@ impl Model {
         ModelError::Damaged { path: self.path().into(), part: format!("meta-node {number}"), problem: problem.into() }
     }
 
-    /// Reads and decodes the page at `location` into `page`. `staging` is scratch space for the encoded bytes; it grows
-    /// to the largest encoded page of the model and no further.
-    pub fn read_page(&self, location: PageLocation, staging: &mut Vec<u8>, page: &mut Page) -> Result<(), ModelError> {
+    /// Reads and decodes the page at `location` into `page`. `ancestors` are the decoded pages from a root page down to
+    /// its parent, in that order; none for a root page. What fails leaves an empty page.
+    pub fn read_page(
+        &self,
+        location: PageLocation,
+        ancestors: &[&Page],
+        reader: &mut PageReader,
+        page: &mut Page,
+    ) -> Result<(), ModelError> {
+        page.clear();
+        self.read_encoded(location, reader)?;
+        self.decode(location, ancestors, reader, page)
+    }
+
+    /// Reads the encoded page at `location`: the first half of [`Model::read_page`], for those who do not
+    /// hold on to the ancestors meanwhile.
+    pub fn read_encoded(&self, location: PageLocation, reader: &mut PageReader) -> Result<(), ModelError> {
         let end = location.offset.saturating_add(location.length.into());
         let inside = location.offset >= self.header.pages_offset && end <= self.header.file_length;
         if !inside || location.length > self.header.largest_page_bytes || location.number >= self.header.page_count {
@@ -107,9 +148,58 @@ impl Model {
             );
             return Err(self.damaged_page(location.number, problem));
         }
-        staging.resize(location.length as usize, 0);
-        self.file.read_exact_at(location.offset, staging)?;
-        page.decode(staging, location, self.header.leaf_count).map_err(|source| ModelError::Page {
+        reader.encoded.resize(location.length as usize, 0);
+        Ok(self.file.read_exact_at(location.offset, &mut reader.encoded)?)
+    }
+
+    /// Reads page `number`, which lies at `offset`, and what stands in front of its coded fields. Its place is not known from
+    /// its parent but from the page before it.
+    pub(crate) fn read_head<'r>(
+        &self,
+        number: u32,
+        offset: u64,
+        reader: &'r mut PageReader,
+    ) -> Result<(PageLocation, &'r Head), ModelError> {
+        if offset.saturating_add(Head::START_BYTES as u64) > self.header.file_length {
+            return Err(self.damaged_page(number, "the file ends before it"));
+        }
+        let mut start = [0; Head::START_BYTES];
+        self.file.read_exact_at(offset, &mut start)?;
+        let location = PageLocation { number, offset, length: Head::length(start) };
+        self.read_encoded(location, reader)?;
+        let PageReader { encoded, head, .. } = reader;
+        let read = head.read(encoded);
+        read.map_err(|source| ModelError::Page { path: self.path().into(), location, source })?;
+        if head.number != number {
+            return Err(self.damaged_page(number, format!("this is meta-node {}", head.number)));
+        }
+        Ok((location, head))
+    }
+
+    /// Decodes what [`Model::read_encoded`] has read: the second half of [`Model::read_page`].
+    pub fn decode(
+        &self,
+        location: PageLocation,
+        ancestors: &[&Page],
+        reader: &mut PageReader,
+        page: &mut Page,
+    ) -> Result<(), ModelError> {
+        page.clear();
+        let mut above = None;
+        for ancestor in ancestors {
+            if ancestor.parent() != above {
+                let problem = format!(
+                    "meta-node {}, whose parent is {:?}, was taken for a child of {above:?} above it",
+                    ancestor.number(),
+                    ancestor.parent()
+                );
+                return Err(self.damaged_page(location.number, problem));
+            }
+            above = Some(ancestor.number());
+        }
+        let trees = |number| self.roots_in_page(number).iter().map(|index| &self.roots[*index as usize]);
+        let context = Context { location, ancestors, shape: &self.shape, tables: &self.tables, trees };
+        reader.decoder.decode(&reader.encoded, &context, page).map_err(|source| ModelError::Page {
             path: self.path().into(),
             location,
             source,
@@ -117,40 +207,128 @@ impl Model {
     }
 }
 
-fn read_tables(file: &dyn ReadAt, header: &Header) -> Result<(Vec<ModelRoot>, Vec<PageLocation>), ModelError> {
-    let damaged =
-        |part: String, problem: &str| ModelError::Damaged { path: file.path().into(), part, problem: problem.into() };
-    // The header's check makes sure that the tables lie inside the file, so this cannot be larger than the file is.
-    let mut bytes = vec![0; (header.pages_offset - header.roots_offset) as usize];
-    file.read_exact_at(header.roots_offset, &mut bytes)?;
+/// Room to read and decode pages in: the largest encoded page, and what is known of the nodes of a page and its ancestors, some
+/// 300 bytes for each of their records. Of use for one model only.
+#[derive(Debug, Default)]
+pub struct PageReader {
+    encoded: Vec<u8>,
+    head: Head,
+    decoder: PageDecoder,
+}
+
+impl PageReader {
+    /// One that adds up what the fields of the pages take.
+    pub(crate) fn measuring() -> Self {
+        PageReader { decoder: PageDecoder::measuring(), ..PageReader::default() }
+    }
+
+    /// What the fields of the pages read have taken, where that was asked for.
+    pub(crate) fn sizes(&self) -> FieldBits {
+        self.decoder.sizes()
+    }
+}
+
+/// What stands between the header and the pages.
+struct Tables {
+    roots: Vec<ModelRoot>,
+    root_pages: Vec<PageLocation>,
+    ways: Vec<Way>,
+}
+
+impl Tables {
+    fn read(file: &dyn ReadAt, header: &Header) -> Result<Self, ModelError> {
+        let damaged = |part: String, problem: &str| ModelError::Damaged {
+            path: file.path().into(),
+            part,
+            problem: problem.into(),
+        };
+        // The header's check makes sure that the tables lie inside the file, so this cannot be larger than the file is.
+        let mut bytes = vec![0; (header.after_root_tables() - header.roots_offset) as usize];
+        file.read_exact_at(header.roots_offset, &mut bytes)?;
+        let (body, checksum) = bytes.split_at(bytes.len() - 4);
+        if crc32fast::hash(body).to_le_bytes() != *checksum {
+            return Err(damaged("root table".into(), "the checksum does not match"));
+        }
+        let words: Vec<u32> = body.as_chunks::<4>().0.iter().map(|word| u32::from_le_bytes(*word)).collect();
+        let (root_words, words) = words.split_at(header.root_count as usize * ROOT_WORDS);
+        let (page_words, way_words) = words.split_at(header.root_page_count as usize * ROOT_PAGE_WORDS);
+
+        let mut roots = Vec::with_capacity(header.root_count as usize);
+        let mut next_leaf = 0;
+        for (index, words) in root_words.as_chunks::<ROOT_WORDS>().0.iter().enumerate() {
+            let root = ModelRoot::from_words(words).filter(|root| root.start == next_leaf);
+            let root = root.ok_or_else(|| damaged(format!("root {index}"), "a field holds what it cannot hold"))?;
+            next_leaf = root.end;
+            roots.push(root);
+        }
+        if next_leaf != header.leaf_count {
+            return Err(damaged("root table".into(), "the roots do not hold all leaves"));
+        }
+        let mut root_pages = Vec::with_capacity(header.root_page_count as usize);
+        let mut next_offset = header.pages_offset;
+        for (index, words) in page_words.as_chunks::<ROOT_PAGE_WORDS>().0.iter().enumerate() {
+            let offset = u64::from(words[1]) | u64::from(words[2]) << 32;
+            // Root pages come first in the file, one behind the other.
+            if words[0] as usize != index || offset != next_offset {
+                return Err(damaged(format!("root page {index}"), "it does not follow the one before"));
+            }
+            next_offset += u64::from(words[3]);
+            root_pages.push(PageLocation { number: words[0], offset, length: words[3] });
+        }
+        let mut ways: Vec<Way> = Vec::with_capacity(header.way_count as usize);
+        for (index, words) in way_words.as_chunks::<WAY_WORDS>().0.iter().enumerate() {
+            let way = Way::from_words(words);
+            let before = ways.last().map_or(header.root_page_count, |way| way.page.number + 1);
+            let has_parent = (way.parent as usize) < root_pages.len()
+                || ways.binary_search_by_key(&way.parent, |way| way.page.number).is_ok();
+            if !(before..header.page_count).contains(&way.page.number) || !has_parent {
+                return Err(damaged(format!("way page {index}"), "it does not follow its parent and the one before"));
+            }
+            ways.push(way);
+        }
+        let tables = Tables { roots, root_pages, ways };
+        tables.check_ways().map_err(|(part, problem)| damaged(part, problem))?;
+        Ok(tables)
+    }
+
+    /// Every tree begins in a page of the tables, and each way leads to one.
+    fn check_ways(&self) -> Result<(), (String, &'static str)> {
+        let mut leads = vec![false; self.ways.len()];
+        let index_of = |page: u32| self.ways.binary_search_by_key(&page, |way| way.page.number).ok();
+        for (number, root) in self.roots.iter().enumerate() {
+            let way = index_of(root.page.number);
+            let page = way.map(|way| &self.ways[way].page).or(self.root_pages.get(root.page.number as usize));
+            if page != Some(&root.page) {
+                return Err((format!("root {number}"), "no table has the page in which it begins"));
+            }
+            way.iter().for_each(|way| leads[*way] = true);
+        }
+        for (index, way) in self.ways.iter().enumerate().rev() {
+            if !leads[index] {
+                return Err((format!("way page {index}"), "it leads to no tree"));
+            }
+            index_of(way.parent).iter().for_each(|parent| leads[*parent] = true);
+        }
+        Ok(())
+    }
+}
+
+/// The tables of the coder, which stand between the root tables and the pages.
+fn read_coder_tables(file: &dyn ReadAt, header: &Header) -> Result<(coder::Tables, coder::Frequent), ModelError> {
+    let damaged = |problem: &str| ModelError::Damaged {
+        path: file.path().into(),
+        part: "coder's tables".into(),
+        problem: problem.into(),
+    };
+    let start = header.after_root_tables();
+    let mut bytes = vec![0; (header.pages_offset - start) as usize];
+    file.read_exact_at(start, &mut bytes)?;
     let (body, checksum) = bytes.split_at(bytes.len() - 4);
     if crc32fast::hash(body).to_le_bytes() != *checksum {
-        return Err(damaged("root table".into(), "the checksum does not match"));
+        return Err(damaged("the checksum does not match"));
     }
-    let words: Vec<u32> = body.as_chunks::<4>().0.iter().map(|word| u32::from_le_bytes(*word)).collect();
-    let (root_words, page_words) = words.split_at(header.root_count as usize * ROOT_WORDS);
-
-    let mut roots = Vec::with_capacity(header.root_count as usize);
-    let mut next_leaf = 0;
-    for (index, words) in root_words.as_chunks::<ROOT_WORDS>().0.iter().enumerate() {
-        let root = ModelRoot::from_words(words).filter(|root| root.start == next_leaf);
-        let root = root.ok_or_else(|| damaged(format!("root {index}"), "a field holds what it cannot hold"))?;
-        next_leaf = root.end;
-        roots.push(root);
+    match coder::Classes::from_bytes(body) {
+        Ok((classes, frequent)) => Ok((coder::Tables::new(&classes), frequent)),
+        Err(coder::BadTables) => Err(damaged("they are not such as are written")),
     }
-    if next_leaf != header.leaf_count {
-        return Err(damaged("root table".into(), "the roots do not hold all leaves"));
-    }
-    let mut root_pages = Vec::with_capacity(header.root_page_count as usize);
-    let mut next_offset = header.pages_offset;
-    for (index, words) in page_words.as_chunks::<ROOT_PAGE_WORDS>().0.iter().enumerate() {
-        let offset = u64::from(words[1]) | u64::from(words[2]) << 32;
-        // Root pages come first in the file, one behind the other.
-        if words[0] as usize != index || offset != next_offset {
-            return Err(damaged(format!("root page {index}"), "it does not follow the one before"));
-        }
-        next_offset += u64::from(words[3]);
-        root_pages.push(PageLocation { number: words[0], offset, length: words[3] });
-    }
-    Ok((roots, root_pages))
 }

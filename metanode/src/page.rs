@@ -10,7 +10,7 @@
 //!         root count | entry count << 16, triangle count, first child number, first child offset (low, high)
 //!         (0, 0, 0: no children), first leaf, end leaf
 //! c       encoded length of each child page, in bytes; child i has number `first child + i` and lies behind child i-1
-//! 6 r     records: born leaf, x, y, z (f32), kept entry | born entry << 16 (0xffff: that child is a leaf),
+//! 7 r     records: born leaf, x, y, z (f32), normal, kept entry | born entry << 16 (0xffff: that child is a leaf),
 //!         index of the first born triangle (the next record's says where they end)
 //! 5 e     entries, one for each child that splits further: id, switch (f32), radius (f32), cone,
 //!         target record | target child page << 16 (0xffff: in this page)
@@ -24,18 +24,17 @@
 //! So what decides whether a node is to be split (id, switch value, sphere, cone) stands with its *parent's* record:
 //! an active node can be judged without its own page, and a page is needed only when a split is really to be made.
 //!
-//! In this version of the format the encoded page is these words, little endian, and a CRC-32 of them. The coder of a
-//! later version replaces [`Page::decode`] and [`encoded`] and leaves the decoded form as it is.
+//! How a page is coded in the file is the matter of `codec`.
 
 use thiserror::Error;
-pub use vdt::tree::NormalCone;
+pub use vdt::tree::{Normal, NormalCone};
 
 /// Words of the page header.
 pub const HEADER_WORDS: usize = 10;
 /// Words of one entry of the child page table.
 pub const CHILD_PAGE_WORDS: usize = 1;
 /// Words of one record.
-pub const RECORD_WORDS: usize = 6;
+pub const RECORD_WORDS: usize = 7;
 /// Words of one child entry.
 pub const ENTRY_WORDS: usize = 5;
 /// Words of one born triangle.
@@ -130,6 +129,8 @@ pub struct Record {
     pub born_leaf: u32,
     /// Position of the born leaf, in mesh units relative to the model's origin.
     pub position: [f32; 3],
+    /// Its normal.
+    pub normal: Normal,
     /// The kept child's entry, `None` where it is a leaf.
     pub kept: Option<ChildEntry>,
     /// The born child's entry, `None` where it is a leaf.
@@ -212,54 +213,38 @@ impl Page {
     }
 
     /// Makes the page one without records, whose number no page has.
-    fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.words.clear();
         self.words.extend(EMPTY_HEADER);
         self.counts = PageCounts::default();
     }
 
-    /// Takes the encoded bytes of the page at `location` apart, checks everything that can be checked without other
-    /// pages, and leaves `self` empty where it fails. `leaf_count` is that of the model.
-    pub fn decode(&mut self, bytes: &[u8], location: PageLocation, leaf_count: u32) -> Result<(), PageError> {
-        let result = self.fill(bytes).and_then(|()| self.check(location, leaf_count));
-        if result.is_err() {
-            self.clear();
+    /// Whether a page with these counts fits, and can be numbered.
+    pub(crate) fn check_size(&self, counts: &PageCounts) -> Result<(), PageError> {
+        let bytes = counts.decoded_bytes();
+        if bytes > self.slot_bytes {
+            return Err(PageError::TooLarge { bytes, slot_bytes: self.slot_bytes });
         }
-        result
-    }
-
-    fn fill(&mut self, bytes: &[u8]) -> Result<(), PageError> {
-        let Some((body, checksum)) = bytes.split_last_chunk::<4>() else { return Err(PageError::Checksum) };
-        if crc32fast::hash(body) != u32::from_le_bytes(*checksum) {
-            return Err(PageError::Checksum);
-        }
-        if body.len() > self.slot_bytes {
-            return Err(PageError::TooLarge { bytes: body.len(), slot_bytes: self.slot_bytes });
-        }
-        let (words, rest) = body.as_chunks::<4>();
-        if !rest.is_empty() || words.len() < HEADER_WORDS {
-            return Err(PageError::Length { found: words.len(), expected: HEADER_WORDS });
-        }
-        self.words.clear();
-        self.words.extend(words.iter().map(|word| u32::from_le_bytes(*word)));
-        self.counts = PageCounts {
-            children: high(self.words[2]).into(),
-            records: low(self.words[2]).into(),
-            entries: high(self.words[3]).into(),
-            // Compared with the length just below, so a wild count cannot do harm.
-            triangles: (self.words[4] as usize).min(words.len()),
-        };
-        if self.counts.words() != words.len() {
-            return Err(PageError::Length { found: words.len(), expected: self.counts.words() });
+        if counts.records.max(counts.entries).max(counts.children) >= usize::from(NONE_16) {
+            let problem =
+                format!("{} records with {} entries are more than can be numbered", counts.records, counts.entries);
+            return Err(PageError::Field { what: "header", index: 8, problem });
         }
         Ok(())
+    }
+
+    /// The words of a page with these counts, which fits, to be pushed in order.
+    pub(crate) fn begin(&mut self, counts: PageCounts) -> &mut Vec<u32> {
+        self.counts = counts;
+        self.words.clear();
+        &mut self.words
     }
 
     /// Everything that one page can be asked without the others. What passes cannot send a traversal in circles: each
     /// record that is not a root of the page is the target of exactly one entry, of a record before it; child pages
     /// have greater numbers.
-    fn check(&self, location: PageLocation, leaf_count: u32) -> Result<(), PageError> {
-        self.check_header(location, leaf_count)?;
+    pub fn check(&self, leaf_count: u32) -> Result<(), PageError> {
+        self.check_header(leaf_count)?;
         let next_record = self.check_records()?;
         if next_record != self.counts.records {
             let problem = format!("no entry refers to record {next_record} of {}", self.counts.records);
@@ -273,13 +258,10 @@ impl Page {
         Ok(())
     }
 
-    fn check_header(&self, location: PageLocation, leaf_count: u32) -> Result<(), PageError> {
+    fn check_header(&self, leaf_count: u32) -> Result<(), PageError> {
         let wrong = |index, problem: String| Err(PageError::Field { what: "header word", index, problem });
         let PageCounts { records, children, .. } = self.counts;
         let (number, first_child) = (self.number(), self.words[5]);
-        if number != location.number {
-            return wrong(0, format!("this is meta-node {number}, not {}", location.number));
-        }
         if self.parent().is_some_and(|parent| parent >= number) {
             return wrong(1, format!("the parent, {}, does not come before it", self.words[1]));
         }
@@ -314,7 +296,7 @@ impl Page {
             if !self.words[start + 1..start + 4].iter().all(|word| f32::from_bits(*word).is_finite()) {
                 return wrong("the position is not finite".into());
             }
-            for entry in [low(self.words[start + 4]), high(self.words[start + 4])] {
+            for entry in [low(self.words[start + 5]), high(self.words[start + 5])] {
                 if entry == NONE_16 {
                     continue;
                 }
@@ -324,7 +306,7 @@ impl Page {
                 self.check_entry(next_entry, index, &mut next_record)?;
                 next_entry += 1;
             }
-            let first_triangle = self.words[start + 5] as usize;
+            let first_triangle = self.words[start + 6] as usize;
             if first_triangle < triangles_before || first_triangle > triangles || (index == 0 && first_triangle != 0) {
                 return wrong(format!("born triangles from {first_triangle} of {triangles}"));
             }
@@ -413,8 +395,9 @@ impl Page {
         Some(Record {
             born_leaf: words[0],
             position: [words[1], words[2], words[3]].map(f32::from_bits),
-            kept: self.entry(low(words[4])),
-            born: self.entry(high(words[4])),
+            normal: Normal::from_word(words[4]),
+            kept: self.entry(low(words[5])),
+            born: self.entry(high(words[5])),
         })
     }
 
@@ -437,7 +420,7 @@ impl Page {
     /// The triangles born by the record with this index; none where there is no such record.
     pub fn triangles(&self, index: u16) -> impl ExactSizeIterator<Item = [u32; 3]> + '_ {
         let index = usize::from(index);
-        let first = |index: usize| self.words[self.records_start(index) + 5] as usize;
+        let first = |index: usize| self.words[self.records_start(index) + 6] as usize;
         let range = if index >= self.counts.records {
             0..0
         } else if index + 1 == self.counts.records {
@@ -451,144 +434,55 @@ impl Page {
     }
 }
 
-/// The parts of a page before they are laid out: what a blocking hands over to be encoded.
-#[derive(Debug, Clone, Default)]
-pub struct PageParts {
-    /// Number of the meta-node.
-    pub number: u32,
-    /// Number of the parent meta-node.
-    pub parent: Option<u32>,
-    /// How many of the first records are roots of the page.
-    pub root_count: u16,
-    /// The leaves under the roots of the page, from the first to one past the last.
-    pub leaf_interval: (u32, u32),
-    /// Number of the first child page; 0 where there is none.
-    pub first_child: u32,
-    /// Byte offset of the first child page in the file; 0 where there is none.
-    pub first_child_offset: u64,
-    /// Encoded length of each child page, in bytes.
-    pub child_lengths: Vec<u32>,
-    /// The records, with their born triangles.
-    pub records: Vec<(Record, Vec<[u32; 3]>)>,
-}
-
-impl PageParts {
-    /// The counts of the parts.
-    pub fn counts(&self) -> PageCounts {
-        let entries = |record: &Record| usize::from(record.kept.is_some()) + usize::from(record.born.is_some());
-        PageCounts {
-            children: self.child_lengths.len(),
-            records: self.records.len(),
-            entries: self.records.iter().map(|(record, _)| entries(record)).sum(),
-            triangles: self.records.iter().map(|(_, triangles)| triangles.len()).sum(),
-        }
-    }
-}
-
-/// Bytes that a page with these counts takes in the file.
-pub fn encoded_length(counts: PageCounts) -> usize {
-    counts.decoded_bytes() + 4
-}
-
-/// Bytes that a page takes in the file, by its first [`HEADER_WORDS`] words there.
-pub(crate) fn encoded_length_by_header(words: &[u32; HEADER_WORDS]) -> u64 {
-    let table = u64::from(high(words[2])) * CHILD_PAGE_WORDS as u64;
-    let records = u64::from(low(words[2])) * RECORD_WORDS as u64;
-    let entries = u64::from(high(words[3])) * ENTRY_WORDS as u64;
-    let triangles = u64::from(words[4]) * TRIANGLE_WORDS as u64;
-    (HEADER_WORDS as u64 + table + records + entries + triangles) * 4 + 4
-}
-
-/// The bytes of a page in the file.
-pub fn encoded(parts: &PageParts) -> Vec<u8> {
-    let counts = parts.counts();
-    let mut words = Vec::with_capacity(counts.words());
-    words.push(parts.number);
-    words.push(parts.parent.unwrap_or(NONE_32));
-    words.push(pack(counts.records as u16, counts.children as u16));
-    words.push(pack(parts.root_count, counts.entries as u16));
-    words.push(counts.triangles as u32);
-    words.push(parts.first_child);
-    words.push(parts.first_child_offset as u32);
-    words.push((parts.first_child_offset >> 32) as u32);
-    words.push(parts.leaf_interval.0);
-    words.push(parts.leaf_interval.1);
-    words.extend(&parts.child_lengths);
-    let (mut entries, mut triangles) = (0, 0);
-    for (record, born_triangles) in &parts.records {
-        let mut entry = |child: Option<ChildEntry>| match child {
-            None => NONE_16,
-            Some(_) => {
-                entries += 1;
-                entries - 1
-            }
-        };
-        let (kept, born) = (entry(record.kept), entry(record.born));
-        words.push(record.born_leaf);
-        words.extend(record.position.map(f32::to_bits));
-        words.push(pack(kept, born));
-        words.push(triangles);
-        triangles += born_triangles.len() as u32;
-    }
-    for child in parts.records.iter().flat_map(|(record, _)| [record.kept, record.born]).flatten() {
-        let target = match child.target {
-            Target::SamePage { record } => pack(record, NONE_16),
-            Target::ChildPage { child, record } => pack(record, child),
-        };
-        words.extend([child.id, child.switch.to_bits(), child.radius.to_bits(), child.cone.to_word(), target]);
-    }
-    words.extend(parts.records.iter().flat_map(|(_, triangles)| triangles.as_flattened()));
-    let mut bytes = Vec::with_capacity(encoded_length(counts));
-    words.iter().for_each(|word| bytes.extend_from_slice(&word.to_le_bytes()));
-    let checksum = crc32fast::hash(&bytes);
-    bytes.extend(checksum.to_le_bytes());
-    bytes
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn entry(target: Target) -> ChildEntry {
-        ChildEntry { id: 7, switch: 0.5, radius: 2.0, cone: NormalCone::EVERYTHING, target }
+    /// The words of page 5, a child of page 2, with two child pages: a root that leads to record 1, which leads to child 1.
+    fn some_words() -> Vec<u32> {
+        let position = [1.0_f32, 2.0, 3.0].map(f32::to_bits);
+        let record = |born_leaf, entries, triangle| {
+            let [x, y, z] = position;
+            [born_leaf, x, y, z, Normal::UP.to_word(), entries, triangle]
+        };
+        let entry = |target| [7, 0.5_f32.to_bits(), 2.0_f32.to_bits(), NormalCone::EVERYTHING.to_word(), target];
+        let mut words = vec![5, 2, pack(2, 2), pack(1, 2), 3, 9, 0, 5, 10, 20, 100, 200];
+        words.extend(record(15, pack(0, NONE_16), 0));
+        words.extend(record(12, pack(NONE_16, 1), 2));
+        words.extend(entry(pack(1, NONE_16)));
+        words.extend(entry(pack(4, 1)));
+        words.extend([10, 15, 30, 11, 16, 30, 11, 12, 40]);
+        words
     }
 
-    fn some_parts() -> PageParts {
-        let record = |born_leaf, kept, born| Record { born_leaf, position: [1.0, 2.0, 3.0], kept, born };
-        let inside = Some(entry(Target::SamePage { record: 1 }));
-        let below = Some(entry(Target::ChildPage { child: 1, record: 4 }));
-        PageParts {
-            number: 5,
-            parent: Some(2),
-            root_count: 1,
-            leaf_interval: (10, 20),
-            first_child: 9,
-            first_child_offset: 5 << 32,
-            child_lengths: vec![100, 200],
-            records: vec![
-                (record(15, inside, None), vec![[10, 15, 30], [11, 16, 30]]),
-                (record(12, None, below), vec![[11, 12, 40]]),
-            ],
-        }
-    }
+    /// Where the records, entries and triangles of that page are.
+    const RECORDS: usize = HEADER_WORDS + 2 * CHILD_PAGE_WORDS;
+    const ENTRIES: usize = RECORDS + 2 * RECORD_WORDS;
 
-    fn decoded(parts: &PageParts, page: &mut Page) -> Result<(), PageError> {
-        page.decode(&encoded(parts), PageLocation { number: 5, offset: 0, length: 0 }, 50)
+    fn page_of(words: &[u32]) -> Page {
+        let counts = PageCounts { children: 2, records: 2, entries: 2, triangles: 3 };
+        let mut page = Page::with_slot_bytes(counts.decoded_bytes());
+        page.check_size(&counts).unwrap();
+        page.begin(counts).extend(words);
+        page
     }
 
     #[test]
-    fn a_page_comes_back_as_it_was() {
-        let parts = some_parts();
-        let mut page = Page::with_slot_bytes(parts.counts().decoded_bytes());
-        decoded(&parts, &mut page).unwrap();
+    fn a_page_is_what_its_words_say() {
+        let page = page_of(&some_words());
+        page.check(50).unwrap();
         assert_eq!((page.number(), page.parent(), page.root_count(), page.leaf_interval()), (5, Some(2), 1, (10, 20)));
-        assert_eq!(page.counts(), parts.counts());
-        assert_eq!(encoded(&parts).len(), encoded_length(parts.counts()));
-        for (index, (record, triangles)) in (0..).zip(&parts.records) {
-            assert_eq!(page.record(index).as_ref(), Some(record));
-            assert_eq!(&page.triangles(index).collect::<Vec<_>>(), triangles);
-        }
+        assert_eq!(page.counts().words(), some_words().len());
+        let (cone, id, switch, radius) = (NormalCone::EVERYTHING, 7, 0.5, 2.0);
+        let inside = ChildEntry { id, switch, radius, cone, target: Target::SamePage { record: 1 } };
+        let below = ChildEntry { target: Target::ChildPage { child: 1, record: 4 }, ..inside };
+        let (position, normal) = ([1.0, 2.0, 3.0], Normal::UP);
+        let record = Record { born_leaf: 15, position, normal, kept: Some(inside), born: None };
+        assert_eq!(page.record(0), Some(record));
+        assert_eq!(page.record(1), Some(Record { born_leaf: 12, kept: None, born: Some(below), ..record }));
         assert_eq!(page.record(2), None);
+        assert_eq!(page.triangles(0).collect::<Vec<_>>(), [[10, 15, 30], [11, 16, 30]]);
+        assert_eq!(page.triangles(1).collect::<Vec<_>>(), [[11, 12, 40]]);
         assert_eq!(page.triangles(2).len(), 0);
         let second = PageLocation { number: 10, offset: (5 << 32) + 100, length: 200 };
         assert_eq!(page.children().collect::<Vec<_>>()[1], second);
@@ -596,41 +490,58 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_decode_leaves_an_empty_page() {
-        let parts = some_parts();
-        let mut page = Page::with_slot_bytes(parts.counts().decoded_bytes());
-        let refuse = |page: &mut Page, change: &dyn Fn(&mut PageParts), expected: &str| {
-            let mut broken = some_parts();
-            change(&mut broken);
-            decoded(&parts, page).unwrap();
-            let message = decoded(&broken, page).unwrap_err().to_string();
+    fn what_is_wrong_with_a_page_is_said() {
+        let refuse = |changes: &[(usize, u32)], expected: &str| {
+            let mut words = some_words();
+            changes.iter().for_each(|(index, word)| words[*index] = *word);
+            let message = page_of(&words).check(50).unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");
-            assert_eq!((page.counts(), page.root_count(), page.children().len()), (PageCounts::default(), 0, 0));
-            assert_eq!((page.number(), page.record(0), page.triangles(0).len()), (NONE_32, None, 0));
         };
-        refuse(&mut page, &|parts| parts.records[0].1.push([1, 2, 3]), "more than a place holder");
-        refuse(&mut page, &|parts| parts.number = 6, "this is meta-node 6");
-        refuse(&mut page, &|parts| parts.parent = Some(5), "does not come before");
-        refuse(&mut page, &|parts| parts.root_count = 0, "0 roots");
-        refuse(&mut page, &|parts| parts.root_count = 2, "record 1 where 2 of 2 is due");
-        refuse(&mut page, &|parts| parts.first_child = 5, "the first of 2 children is meta-node 5");
-        refuse(&mut page, &|parts| parts.first_child = u32::MAX, "the first of 2 children");
-        refuse(&mut page, &|parts| parts.child_lengths.clear(), "first child 9 of none");
-        refuse(&mut page, &|parts| parts.leaf_interval = (10, 51), "leaves 10..51 of 50");
-        refuse(&mut page, &|parts| parts.records[1].0.born_leaf = 20, "born leaf 20");
-        refuse(&mut page, &|parts| parts.records[1].0.position[2] = f32::INFINITY, "not finite");
-        let itself = Some(entry(Target::SamePage { record: 0 }));
-        refuse(&mut page, &|parts| parts.records[0].0.kept = itself, "record 0 where 1 of 2 is due");
-        refuse(&mut page, &|parts| parts.records[0].0.kept = None, "no entry refers to record 1");
-        let beyond = Some(entry(Target::ChildPage { child: 2, record: 0 }));
-        refuse(&mut page, &|parts| parts.records[1].0.born = beyond, "child page 2 of 2");
-        let flat = Some(ChildEntry { switch: 0.0, ..entry(Target::SamePage { record: 1 }) });
-        refuse(&mut page, &|parts| parts.records[0].0.kept = flat, "switch value 0");
-        refuse(&mut page, &|parts| parts.records[1].1[0][0] = 50, "leaf 50 of 50");
-        let bytes = encoded(&parts);
-        let location = PageLocation { number: 5, offset: 0, length: 0 };
-        assert_eq!(page.decode(&bytes[..3], location, 50), Err(PageError::Checksum));
-        let short = [&bytes[..8], &crc32fast::hash(&bytes[..8]).to_le_bytes()].concat();
-        assert_eq!(page.decode(&short, location, 50), Err(PageError::Length { found: 2, expected: HEADER_WORDS }));
+        refuse(&[(1, 5)], "does not come before");
+        refuse(&[(3, pack(0, 2))], "0 roots");
+        refuse(&[(3, pack(2, 2))], "record 1 where 2 of 2 is due");
+        refuse(&[(5, 5)], "the first of 2 children is meta-node 5");
+        refuse(&[(5, u32::MAX)], "the first of 2 children");
+        refuse(&[(9, 51)], "leaves 10..51 of 50");
+        refuse(&[(8, 20)], "leaves 20..20");
+        refuse(&[(RECORDS + RECORD_WORDS, 20)], "born leaf 20");
+        refuse(&[(RECORDS + RECORD_WORDS, 10)], "born leaf 10");
+        refuse(&[(RECORDS + 3, f32::INFINITY.to_bits())], "not finite");
+        refuse(&[(RECORDS + 5, pack(1, NONE_16))], "entry 1 where entry 0 of 2 is due");
+        refuse(&[(RECORDS + 5, pack(NONE_16, NONE_16))], "entry 1 where entry 0");
+        refuse(&[(RECORDS + RECORD_WORDS + 5, pack(NONE_16, NONE_16))], "no record refers to it");
+        refuse(&[(RECORDS + 6, 1)], "born triangles from 1 of 3");
+        refuse(&[(RECORDS + RECORD_WORDS + 6, 4)], "born triangles from 4 of 3");
+        refuse(&[(ENTRIES + 4, pack(0, NONE_16))], "record 0 where 1 of 2 is due");
+        refuse(&[(ENTRIES + 4, pack(1, 0))], "no entry refers to record 1");
+        refuse(&[(ENTRIES + ENTRY_WORDS + 4, pack(0, 2))], "child page 2 of 2");
+        refuse(&[(ENTRIES + 1, 0)], "switch value 0");
+        refuse(&[(ENTRIES + 2, f32::NAN.to_bits())], "radius NaN");
+        refuse(&[(ENTRIES + 2 * ENTRY_WORDS + 4, 50)], "leaf 50 of 50");
+    }
+
+    #[test]
+    fn a_page_that_is_cleared_has_nothing_in_it() {
+        let mut page = page_of(&some_words());
+        page.clear();
+        assert_eq!((page.counts(), page.root_count(), page.children().len()), (PageCounts::default(), 0, 0));
+        assert_eq!((page.number(), page.record(0), page.triangles(0).len()), (NONE_32, None, 0));
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let counts = PageCounts { children: 1, records: 2, entries: 1, triangles: 3 };
+        let page = Page::with_slot_bytes(counts.decoded_bytes());
+        page.check_size(&counts).unwrap();
+        let more = PageCounts { triangles: 4, ..counts };
+        let expected = PageError::TooLarge { bytes: counts.decoded_bytes() + 12, slot_bytes: counts.decoded_bytes() };
+        assert_eq!(page.check_size(&more), Err(expected));
+        let large = Page::with_slot_bytes(1 << 23);
+        let numbered = PageCounts { records: 65_534, ..counts };
+        large.check_size(&numbered).unwrap();
+        for (children, records, entries) in [(1, 65_535, 1), (1, 1, 65_535), (65_535, 1, 1)] {
+            let counts = PageCounts { children, records, entries, triangles: 0 };
+            assert!(large.check_size(&counts).unwrap_err().to_string().contains("than can be numbered"));
+        }
     }
 }

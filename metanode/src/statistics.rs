@@ -1,12 +1,15 @@
 //! What can be said of a model as a whole: how full its pages are, how long its paths, where its bytes go.
 //!
-//! One pass over the pages. RAM: one page, those of its entries that lead to other pages for the pages on one path, and
-//! 5 bytes for each tree.
+//! One pass over the file, page after page. What stands in front of the coded fields of a page says enough, so none is
+//! decoded, and no page needs those above it: they are numbered by levels. The checksums are looked at. A file that `verify`
+//! would refuse gives wrong figures or an error.
+//!
+//! RAM: the largest page in the file.
 
-use crate::header::{Blocking, ModelError, ROOT_WORDS};
-use crate::model::Model;
+use crate::codec::{CHECKSUM_BYTES, Head};
+use crate::header::{Blocking, HEADER_BYTES, ModelError, ROOT_PAGE_WORDS, ROOT_WORDS, WAY_WORDS};
+use crate::model::{Model, PageReader};
 use crate::page::{CHILD_PAGE_WORDS, ENTRY_WORDS, HEADER_WORDS, RECORD_WORDS, TRIANGLE_WORDS};
-use crate::walk::walk;
 
 /// Words of a position, in roots and records.
 const POSITION_WORDS: usize = 3;
@@ -15,14 +18,39 @@ pub const FILL_BUCKETS: usize = 10;
 
 /// Bytes of a model file, by what they are for.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct BytesByPart {
-    /// Header, root page table, the checksum of the tables.
-    pub tables: u64,
-    /// Page headers, child page tables and checksums.
+pub struct FileBytes {
+    /// The header.
+    pub header: u64,
+    /// Root table.
+    pub roots: u64,
+    /// Root page table and way table.
+    pub ways: u64,
+    /// Tables of the coder, with their checksum.
+    pub coder_tables: u64,
+    /// What stands in front of the coded fields of pages: numbers, counts, where the children are.
+    pub page_heads: u64,
+    /// Coded fields.
+    pub fields: u64,
+    /// Checksums of the root tables and of pages.
+    pub checksums: u64,
+}
+
+impl FileBytes {
+    /// All of them: those of the file.
+    pub fn total(&self) -> u64 {
+        let FileBytes { header, roots, ways, coder_tables, page_heads, fields, checksums } = self;
+        header + roots + ways + coder_tables + page_heads + fields + checksums
+    }
+}
+
+/// Bytes of the root table and of all pages decoded, by what they are for.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct DecodedBytes {
+    /// Page headers and child page tables.
     pub page_headers: u64,
     /// Root table, without positions.
     pub roots: u64,
-    /// Records, without positions: born leaves, where the children's entries and the triangles are.
+    /// Records, without positions: born leaves, normals, where the children's entries and the triangles are.
     pub records: u64,
     /// Positions, of roots and records.
     pub positions: u64,
@@ -32,10 +60,10 @@ pub struct BytesByPart {
     pub triangles: u64,
 }
 
-impl BytesByPart {
+impl DecodedBytes {
     /// All of them.
     pub fn total(&self) -> u64 {
-        self.tree() + self.data() + self.directory()
+        self.tree() + self.data() + self.page_headers
     }
 
     /// The tree itself: the paper's *VDT* (its Table 1).
@@ -46,11 +74,6 @@ impl BytesByPart {
     /// What is drawn: the paper's *DATA*.
     pub fn data(&self) -> u64 {
         self.positions + self.triangles
-    }
-
-    /// What says where the meta-nodes are: the paper's *MNT*.
-    pub fn directory(&self) -> u64 {
-        self.tables + self.page_headers
     }
 }
 
@@ -79,15 +102,17 @@ pub struct ModelStatistics {
     pub roots_per_page: f64,
     /// Children of a page that has any, on average.
     pub children_per_page: f64,
-    /// Pages on the way from a tree's root to a leaf, on average over the leaves.
+    /// Pages on the way from a root page to a leaf, which must be decoded to draw it, on average over the leaves.
     pub pages_per_path: f64,
     /// Pages on the longest of these ways.
     pub longest_path: u32,
     /// Where the bytes of the file go.
-    pub bytes: BytesByPart,
+    pub file: FileBytes,
+    /// And where they go once all is decoded.
+    pub decoded: DecodedBytes,
 }
 
-/// Reads the whole model once and counts.
+/// Reads the whole file once and counts.
 pub fn statistics(model: &Model) -> Result<ModelStatistics, ModelError> {
     let header = model.header();
     let slot_bytes = match header.blocking {
@@ -95,15 +120,35 @@ pub fn statistics(model: &Model) -> Result<ModelStatistics, ModelError> {
         Blocking::Levels { .. } => header.slot_bytes,
     };
     let mut found = ModelStatistics { slot_bytes, least_fill: f64::INFINITY, ..ModelStatistics::default() };
-    let bytes = |words: usize| words as u64 * 4;
-    let tree_count = u64::from(header.root_count);
-    found.bytes.roots = tree_count * bytes(ROOT_WORDS - POSITION_WORDS);
-    found.bytes.positions = tree_count * bytes(POSITION_WORDS);
-    // The pages follow the tables, and the header's length was checked against the number of roots.
-    found.bytes.tables = header.pages_offset - tree_count * bytes(ROOT_WORDS);
+    let words = |count: u32, words: usize| u64::from(count) * 4 * words as u64;
+    found.file = FileBytes {
+        header: HEADER_BYTES as u64,
+        roots: words(header.root_count, ROOT_WORDS),
+        ways: words(header.root_page_count, ROOT_PAGE_WORDS) + words(header.way_count, WAY_WORDS),
+        coder_tables: header.pages_offset - header.after_root_tables(),
+        checksums: CHECKSUM_BYTES as u64,
+        ..FileBytes::default()
+    };
+    let bytes = |count: usize, words: usize| (count * words) as u64 * 4;
+    found.decoded.roots = bytes(header.root_count as usize, ROOT_WORDS - POSITION_WORDS);
+    found.decoded.positions = bytes(header.root_count as usize, POSITION_WORDS);
     let (mut records, mut roots, mut children, mut path_pages) = (0, 0, 0, 0);
-    walk(model, -1.0, |page, nodes| {
-        let counts = page.counts();
+    let mut reader = PageReader::default();
+    // One past the last page of the level at hand, and of the one below as far as it is known.
+    let (mut level_end, mut next_end) = (header.root_page_count, header.root_page_count);
+    let mut offset = header.pages_offset;
+    found.longest_path = u32::from(header.page_count > 0);
+    for number in 0..header.page_count {
+        let (location, head) = model.read_head(number, offset, &mut reader)?;
+        offset += u64::from(location.length);
+        if number == level_end {
+            found.longest_path += 1;
+            level_end = next_end;
+        }
+        let counts = head.counts();
+        if counts.children > 0 {
+            next_end = head.first_child.saturating_add(counts.children as u32);
+        }
         found.pages += 1;
         found.bottom_pages += u64::from(counts.children == 0);
         found.single_split_pages += u64::from(counts.records == 1);
@@ -114,21 +159,25 @@ pub fn statistics(model: &Model) -> Result<ModelStatistics, ModelError> {
         found.mean_fill += fill;
         found.least_fill = found.least_fill.min(fill);
         records += counts.records as u64;
-        roots += page.root_count() as u64;
+        roots += u64::from(head.root_count);
         children += counts.children as u64;
-        for (index, node) in (0..).zip(nodes) {
-            let Some(record) = page.record(index) else { continue };
-            let leaves = u64::from(record.kept.is_none()) + u64::from(record.born.is_none());
-            path_pages += leaves * u64::from(node.pages);
-            found.longest_path = found.longest_path.max(node.pages);
-        }
-        found.bytes.page_headers += bytes(HEADER_WORDS + 1 + counts.children * CHILD_PAGE_WORDS);
-        found.bytes.records += bytes(counts.records * (RECORD_WORDS - POSITION_WORDS));
-        found.bytes.positions += bytes(counts.records * POSITION_WORDS);
-        found.bytes.entries += bytes(counts.entries * ENTRY_WORDS);
-        found.bytes.triangles += bytes(counts.triangles * TRIANGLE_WORDS);
-        Ok::<_, ModelError>(())
-    })?;
+        // A split has two children; those without an entry are leaves.
+        let leaves = (2 * counts.records).saturating_sub(counts.entries) as u64;
+        path_pages += leaves * u64::from(found.longest_path);
+        let around = Head::bytes_around(counts.children) as u64;
+        found.file.page_heads += around - CHECKSUM_BYTES as u64;
+        found.file.checksums += CHECKSUM_BYTES as u64;
+        found.file.fields += u64::from(location.length) - around;
+        found.decoded.page_headers += bytes(1, HEADER_WORDS) + bytes(counts.children, CHILD_PAGE_WORDS);
+        found.decoded.records += bytes(counts.records, RECORD_WORDS - POSITION_WORDS);
+        found.decoded.positions += bytes(counts.records, POSITION_WORDS);
+        found.decoded.entries += bytes(counts.entries, ENTRY_WORDS);
+        found.decoded.triangles += bytes(counts.triangles, TRIANGLE_WORDS);
+    }
+    if offset != header.file_length {
+        let problem = format!("the last of them ends at byte {offset} of {}", header.file_length);
+        return Err(ModelError::Damaged { path: model.path().into(), part: "meta-nodes".into(), problem });
+    }
     if found.pages == 0 {
         found.least_fill = 0.0;
         return Ok(found);
@@ -150,27 +199,18 @@ mod tests {
 
     use super::*;
     use crate::reference;
-    use crate::testing::{blockings, model, model_bytes, plans, random_tree};
+    use crate::testing::{all_pages, blockings, model, model_bytes, plans, random_tree};
 
-    /// Pages on the way from the root of a leaf's tree to the leaf, added up over all leaves; and the most for one.
+    /// Pages on the way from a root page to a leaf, added up over all leaves; and the most for one.
     fn path_pages(tree: &Tree, blocking: Blocking) -> (u64, u32) {
         let blocks = reference::block(tree, blocking).unwrap();
-        let mut page_of = vec![0; tree.leaf_count()];
-        for (number, page) in blocks.pages.iter().enumerate() {
-            blocks.records(page).iter().for_each(|split| page_of[*split as usize] = number);
-        }
         let (mut sum, mut most) = (0, 0);
-        for root in &tree.roots {
-            for leaf in root.start..root.end {
-                let (mut split, mut pages, mut page) = (root.split, 0, usize::MAX);
-                while split != NO_SPLIT {
-                    pages += u32::from(page_of[split as usize] != page);
-                    page = page_of[split as usize];
-                    let node = &tree.splits[split as usize];
-                    split = if leaf < split { node.kept } else { node.born };
-                }
-                sum += u64::from(pages);
-                most = most.max(pages);
+        for page in &blocks.pages {
+            for split in blocks.records(page) {
+                let node = &tree.splits[*split as usize];
+                let leaves = [node.kept, node.born].iter().filter(|child| **child == NO_SPLIT).count();
+                sum += leaves as u64 * u64::from(page.level);
+                most = most.max(page.level);
             }
         }
         (sum, most)
@@ -184,10 +224,19 @@ mod tests {
             let tree = random_tree(&plan);
             let (bytes, summary) = model_bytes(&tree, blocking);
             let found = statistics(&model(&tree, blocking)).unwrap();
-            prop_assert_eq!(found.bytes.total(), bytes.len() as u64);
+            prop_assert_eq!(found.file.total(), bytes.len() as u64);
+            let model = model(&tree, blocking);
+            let pages = all_pages(&model);
+            let decoded: usize = pages.iter().map(|(_, page)| page.counts().decoded_bytes()).sum();
+            prop_assert_eq!(found.decoded.total(), (decoded + tree.roots.len() * ROOT_WORDS * 4) as u64);
+            let heads = pages.iter().map(|(_, page)| match page.children().len() {
+                0 => 24,
+                children => 36 + 6 * children as u64,
+            });
+            prop_assert_eq!(found.file.page_heads, heads.sum::<u64>());
             // Every leaf stands somewhere once, every triangle has three corners.
             let drawn = 12 * (tree.leaf_count() + tree.triangles.corners.len()) as u64;
-            prop_assert_eq!(found.bytes.data(), drawn);
+            prop_assert_eq!(found.decoded.data(), drawn);
             prop_assert_eq!(found.pages, u64::from(summary.pages));
             prop_assert_eq!(found.fill_histogram.iter().sum::<u64>(), found.pages);
             prop_assert!((found.mean_fill - summary.fill).abs() < 1e-9);
@@ -204,7 +253,6 @@ mod tests {
     #[test]
     fn an_empty_model_has_figures() {
         let found = statistics(&model(&Tree::default(), Blocking::default())).unwrap();
-        assert_eq!((found.pages, found.bytes.total(), found.least_fill), (0, 260, 0.0));
-        assert_eq!(found.bytes.directory(), 260);
+        assert_eq!((found.pages, found.file.fields, found.least_fill, found.longest_path), (0, 0, 0.0, 0));
     }
 }

@@ -1,20 +1,27 @@
 //! Random trees for the tests, by any sequence of merges.
 //!
 //! A sequence of merges of two roots of one component each is a valid tree, whatever the geometry. So trees are drawn
-//! at random: how many components, which roots merge, which keeps its position, by how much switch values rise, and
+//! at random: how many components, which roots merge, which keeps its position, by how much errors rise, and
 //! triangles over random leaves. Leaves are then numbered depth-first, kept child first, and every triangle goes to the
-//! deepest node that holds two of its corners.
+//! deepest node that holds two of its corners. Half of the trees are on a lattice; normals are random; cones are random, or
+//! about the normals, which few on a random tree would otherwise be.
+//!
+//! What comes back from a model is the tree but for spheres and cones below the roots, which are no smaller, and not much
+//! larger ([`Back::compare`]).
 
-use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
 use storage::{Disk, MemoryDisk};
-use vdt::tree::{BornTriangles, NO_SPLIT, NormalCone, Root, Split, StoredTree, Tree};
+use vdt::tree::{
+    BornTriangles, NO_SPLIT, Normal, NormalCone, Root, Split, StoredTree, Tree, enclosing_radius, id_after, on_lattice,
+    switch_of,
+};
 
-use crate::header::{Blocking, ErrorBound, Metric, Strategy};
-use crate::model::Model;
-use crate::page::{ChildEntry, Page, Target};
+use crate::header::{Blocking, ErrorBound, Metric, ModelRoot, Positions, Strategy};
+use crate::model::{Model, PageReader};
+use crate::page::{ChildEntry, Page, PageLocation, Target};
+use crate::verify::SPHERE_TOLERANCE;
 use crate::write::{ModelOptions, ModelSummary, WriteResources, write_model};
 
 /// A small generator of random numbers (SplitMix64).
@@ -70,7 +77,7 @@ pub(crate) enum Shape {
 #[derive(Clone, Copy)]
 struct Node {
     children: Option<(u32, u32)>,
-    switch: f32,
+    id: u32,
 }
 
 /// Draws a tree.
@@ -79,7 +86,7 @@ pub(crate) fn random_tree(plan: &TreePlan) -> Tree {
     let leaves = plan.leaves as usize;
     // Every component has two leaves at least.
     let components = (plan.components as usize).clamp(1, (leaves / 2).max(1));
-    let mut nodes = vec![Node { children: None, switch: 0.0 }; leaves];
+    let mut nodes = vec![Node { children: None, id: 0 }; leaves];
     let mut roots = Vec::new();
     let mut first = 0;
     for component in 0..components {
@@ -123,10 +130,11 @@ fn merge(random: &mut Random, shape: Shape, nodes: &mut Vec<Node>, active: &mut 
                 Shape::Chain => (active.pop().unwrap(), active.pop().unwrap()),
             };
             let (kept, born) = if random.below(2) == 0 { (a, b) } else { (b, a) };
-            let below = nodes[kept as usize].switch.max(nodes[born as usize].switch);
-            // Often equal to a child's, as flat regions make it.
+            let below = nodes[kept as usize].id.max(nodes[born as usize].id);
+            // Often the class of a child, as flat regions make it.
             let rise = if random.below(4) == 0 { 0.0 } else { random.signed().abs() };
-            nodes.push(Node { children: Some((kept, born)), switch: below.max(0.01) + rise });
+            let error = switch_of(below, 0).max(0.01) + rise;
+            nodes.push(Node { children: Some((kept, born)), id: id_after(error, below) });
             merged.push(nodes.len() as u32 - 1);
         }
         if shape == Shape::Neighbours {
@@ -140,11 +148,7 @@ fn merge(random: &mut Random, shape: Shape, nodes: &mut Vec<Node>, active: &mut 
 
 fn number(random: &mut Random, plan: &TreePlan, nodes: &[Node], node_roots: &[u32]) -> Tree {
     let leaves = plan.leaves as usize;
-    let mut ranks: Vec<u32> = (0..nodes.len() as u32).collect();
-    ranks[leaves..].sort_by(|a, b| nodes[*a as usize].switch.total_cmp(&nodes[*b as usize].switch).then(a.cmp(b)));
-    let mut ids = vec![0; nodes.len()];
-    ranks.iter().enumerate().for_each(|(id, node)| ids[*node as usize] = id as u32);
-
+    let exponent = random.below(21) as i32 - 10;
     // Children have smaller numbers than parents, so counts come bottom-up and intervals top-down.
     let mut counts = vec![1_u32; nodes.len()];
     for (index, node) in nodes.iter().enumerate() {
@@ -167,7 +171,24 @@ fn number(random: &mut Random, plan: &TreePlan, nodes: &[Node], node_roots: &[u3
             parents[born as usize] = index as u32;
         }
     }
-    let positions: Vec<[f32; 3]> = (0..leaves).map(|_| [(); 3].map(|()| random.signed() * 10.0)).collect();
+    let Places { positions, lattice_step } = places(random, leaves);
+    // A tree vanishes at its diameter, not before.
+    let exponent = node_roots.iter().fold(exponent, |exponent, root| {
+        let first = starts[*root as usize] as usize;
+        let diameter = diagonal(&positions[first..first + counts[*root as usize] as usize]);
+        let octaves = (diameter / f64::from(switch_of(nodes[*root as usize].id, 0))).log2().ceil();
+        exponent.max(octaves as i32)
+    });
+    let normals: Vec<Normal> = (0..leaves).map(|_| normal(random)).collect();
+    let inward: Vec<bool> = node_roots.iter().map(|_| random.below(2) == 0).collect();
+    let mut is_inward = vec![false; nodes.len()];
+    node_roots.iter().zip(&inward).for_each(|(root, inward)| is_inward[*root as usize] = *inward);
+    for (index, node) in nodes.iter().enumerate().rev() {
+        let below = node.children.map_or([u32::MAX; 2], |(kept, born)| [kept, born]);
+        let inward = is_inward[index];
+        below.iter().filter_map(|child| is_inward.get_mut(*child as usize).map(|place| *place = inward)).count();
+    }
+    let has_cones = random.below(2) == 0;
     let split_of = |node: u32| match nodes[node as usize].children {
         Some((_, born)) => starts[born as usize],
         None => NO_SPLIT,
@@ -177,21 +198,28 @@ fn number(random: &mut Random, plan: &TreePlan, nodes: &[Node], node_roots: &[u3
     for (index, node) in nodes.iter().enumerate() {
         let Some((kept, born)) = node.children else { continue };
         let (a, b) = (positions[starts[index] as usize], positions[starts[born as usize] as usize]);
-        let distance = (0..3).map(|axis| (a[axis] - b[axis]) * (a[axis] - b[axis])).sum::<f32>().sqrt();
-        radii[index] = radii[kept as usize].max(distance + radii[born as usize]);
+        radii[index] = enclosing_radius(a, radii[kept as usize], b, radii[born as usize]);
+        let cone = if has_cones {
+            cone_about(random, normals[starts[index] as usize], is_inward[index])
+        } else {
+            NormalCone::from_word(random.next() as u32)
+        };
         splits[starts[born as usize] as usize] = Split {
             kept: split_of(kept),
             born: split_of(born),
-            id: ids[index],
-            switch: node.switch,
+            id: node.id,
+            switch: switch_of(node.id, exponent),
             radius: radii[index],
-            cone: NormalCone::from_word(random.next() as u32),
+            cone,
+            normal: normals[starts[born as usize] as usize],
         };
     }
-    let roots = node_roots.iter().map(|root| Root {
+    let roots = node_roots.iter().zip(&inward).map(|(root, is_inward)| Root {
         start: starts[*root as usize],
         end: starts[*root as usize] + counts[*root as usize],
         split: split_of(*root),
+        normal: normals[starts[*root as usize] as usize],
+        is_inward: *is_inward,
     });
     let roots: Vec<Root> = roots.collect();
 
@@ -240,13 +268,94 @@ fn number(random: &mut Random, plan: &TreePlan, nodes: &[Node], node_roots: &[u3
     (0..leaves).for_each(|leaf| offsets[leaf + 1] += offsets[leaf]);
     let corners = born.into_iter().map(|(_, corners)| corners).collect();
     let origin = [(); 3].map(|()| f64::from(random.signed()) * 1e6);
-    Tree { positions, splits, roots, triangles: BornTriangles { offsets, corners }, origin }
+    let triangles = BornTriangles { offsets, corners };
+    Tree { positions, splits, roots, triangles, origin, exponent, lattice_step }
+}
+
+/// That of the box of some positions.
+fn diagonal(positions: &[[f32; 3]]) -> f64 {
+    let extent = |axis: usize| {
+        let along = positions.iter().map(|position| f64::from(position[axis]));
+        along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
+    };
+    (0..3).map(|axis| extent(axis).powi(2)).sum::<f64>().sqrt()
+}
+
+/// Where the leaves of a tree are.
+struct Places {
+    positions: Vec<[f32; 3]>,
+    lattice_step: f32,
+}
+
+/// Anywhere, in any unit; on a lattice, coarse enough for many to be in one place, or as fine as one may be; sometimes all
+/// in a plane.
+fn places(random: &mut Random, leaves: usize) -> Places {
+    let unit = 10.0_f32.powi([0, 0, -5, 5, -20, 15][random.below(6)]);
+    let steps = [0, 0, 0, 1 << 4, 1 << 12, 1 << 23][random.below(6)];
+    let lattice_step = if steps > 0 { (1.0 + random.signed().abs()) * unit / steps as f32 } else { 0.0 };
+    let is_flat = random.below(8) == 0;
+    let mut coordinate = |axis: usize| {
+        let value = if is_flat && axis == 1 { 0.5 } else { random.signed() };
+        if steps > 0 { on_lattice((value * (steps - 1) as f32) as i32, lattice_step) } else { value * unit * 10.0 }
+    };
+    Places { positions: (0..leaves).map(|_| [0, 1, 2].map(&mut coordinate)).collect(), lattice_step }
+}
+
+fn normal(random: &mut Random) -> Normal {
+    Normal::encode([(); 3].map(|()| f64::from(random.signed())))
+}
+
+/// A cone near a normal, or beside it, or none.
+fn cone_about(random: &mut Random, normal: Normal, is_inward: bool) -> NormalCone {
+    if random.below(8) == 0 {
+        return NormalCone::EVERYTHING;
+    }
+    let sign = if is_inward { -120.0 } else { 120.0 };
+    let off = [0.0, 5.0, 60.0][random.below(3)];
+    let axis = normal.decode().map(|value| (value * sign + random.signed() * off).clamp(-127.0, 127.0) as i8);
+    let widest = [2, 60, 255][random.below(3)];
+    NormalCone { axis, sine: random.below(widest) as u8 }
+}
+
+/// The half-angle of a cone in radians.
+fn half_angle(cone: NormalCone) -> f64 {
+    (f64::from(cone.sine) / 254.0).min(1.0).asin()
+}
+
+/// The angle between two axes in radians; that of an axis that is none is no number.
+fn between(one: [i8; 3], other: [i8; 3]) -> f64 {
+    let [one, other] = [one, other].map(|axis| axis.map(f64::from));
+    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let across = [
+        one[1] * other[2] - one[2] * other[1],
+        one[2] * other[0] - one[0] * other[2],
+        one[0] * other[1] - one[1] * other[0],
+    ];
+    match dot(one, one) * dot(other, other) {
+        0.0 => f64::NAN,
+        _ => dot(across, across).sqrt().atan2(dot(one, other)),
+    }
+}
+
+/// Whether a cone that came back is that of the tree about the normal of its node: whether it holds it, and is not much wider.
+pub(crate) fn is_cone_of(back: NormalCone, cone: NormalCone, normal: Normal, is_inward: bool) -> bool {
+    /// Steps of half-angles, and the rounding of an axis.
+    const STEP: f64 = std::f64::consts::FRAC_PI_2 / 16.0 + 0.012;
+    let sign = if is_inward { -127.0 } else { 127.0 };
+    let axis = normal.decode().map(|value| (value * sign).round() as i8);
+    let needed = between(axis, cone.axis) + half_angle(cone);
+    if back == NormalCone::EVERYTHING {
+        return cone.sine == u8::MAX || needed.is_nan() || needed > std::f64::consts::FRAC_PI_2 - STEP;
+    }
+    // Near 90 degrees one step of a sine is several degrees.
+    let (reach, before) = (half_angle(back), half_angle(NormalCone { sine: back.sine.saturating_sub(1), ..back }));
+    cone.sine != u8::MAX && back.axis == axis && needed <= reach + 1e-7 && before <= needed + STEP
 }
 
 /// The options of the tests, with this blocking.
 pub(crate) fn options(blocking: Blocking) -> ModelOptions {
     let (metric, strategy, error_bound) = (Metric::Quadric, Strategy::Passes, ErrorBound::Fast);
-    ModelOptions { blocking, metric, strategy, error_bound, input_error: 0.0 }
+    ModelOptions { blocking, metric, strategy, error_bound, input_error: 0.0, positions: Positions::Lossless }
 }
 
 /// The bytes of a model file.
@@ -271,8 +380,44 @@ pub(crate) fn model(tree: &Tree, blocking: Blocking) -> Model {
     open_bytes(model_bytes(tree, blocking).0).unwrap()
 }
 
-/// Reads a whole model back, page by page, into the tree that it was made of.
-pub(crate) fn read_back(model: &Model) -> Tree {
+/// All pages of a model by number, each decoded below its ancestors and sound in itself; and where they are.
+pub(crate) fn all_pages(model: &Model) -> Vec<(PageLocation, Page)> {
+    let mut pages: Vec<(PageLocation, Page)> = Vec::new();
+    let mut locations: Vec<PageLocation> = model.root_pages().to_vec();
+    let mut reader = PageReader::default();
+    // Numbers are breadth-first, so this is in their order.
+    let mut next = 0;
+    let mut parents = vec![None; locations.len()];
+    while let Some(&location) = locations.get(next) {
+        let mut ancestors: Vec<&Page> = Vec::new();
+        let mut above: Option<usize> = parents[next];
+        while let Some(number) = above {
+            ancestors.insert(0, &pages[number].1);
+            above = parents[number];
+        }
+        let mut page = model.empty_page();
+        model.read_page(location, &ancestors, &mut reader, &mut page).unwrap();
+        page.check(model.header().leaf_count).unwrap();
+        assert_eq!((page.number() as usize, location.number as usize), (next, next));
+        assert_eq!(page.parent(), parents[next].map(|parent| parent as u32));
+        locations.extend(page.children());
+        parents.resize(locations.len(), Some(next));
+        pages.push((location, page));
+        next += 1;
+    }
+    assert_eq!(pages.len(), model.header().page_count as usize);
+    pages
+}
+
+/// What a model has of the tree that it was made of, page by page.
+#[derive(Debug)]
+pub(crate) struct Back {
+    /// Radii and cones are those of the pages.
+    pub(crate) tree: Tree,
+}
+
+/// Reads a whole model back.
+pub(crate) fn read_back(model: &Model) -> Back {
     let header = model.header();
     let leaves = header.leaf_count as usize;
     let mut tree = Tree {
@@ -281,11 +426,21 @@ pub(crate) fn read_back(model: &Model) -> Tree {
         roots: Vec::new(),
         triangles: BornTriangles::default(),
         origin: header.origin,
+        exponent: header.exponent,
+        lattice_step: header.lattice_step,
     };
-    let mut pages: HashMap<u32, Page> = HashMap::new();
+    let pages = all_pages(model);
     let mut born = vec![Vec::new(); leaves];
     for root in model.roots() {
         tree.positions[root.start as usize] = root.position;
+        let mut above = pages[root.page.number as usize].1.parent();
+        for location in model.way_to(root.page.number).into_iter().rev() {
+            assert_eq!(above, Some(location.number));
+            let (found, page) = &pages[location.number as usize];
+            assert_eq!(*found, location);
+            above = page.parent();
+        }
+        assert_eq!(above, None);
         // A node with its split's place, and where its parent's record refers to it.
         let entry = ChildEntry {
             id: root.id,
@@ -299,15 +454,11 @@ pub(crate) fn read_back(model: &Model) -> Tree {
             let (location, index) = match entry.target {
                 Target::SamePage { record } => (location, record),
                 Target::ChildPage { child, record } => {
-                    let location = pages[&location.number].child_location(child.into());
-                    (location, record)
+                    (pages[location.number as usize].1.child_location(child.into()), record)
                 }
             };
-            let page = pages.entry(location.number).or_insert_with(|| {
-                let mut page = model.empty_page();
-                model.read_page(location, &mut Vec::new(), &mut page).unwrap();
-                page
-            });
+            let (found, page) = &pages[location.number as usize];
+            assert_eq!(*found, location);
             let record = page.record(index).unwrap();
             let split = record.born_leaf;
             assert!(start < split && split < end);
@@ -319,12 +470,15 @@ pub(crate) fn read_back(model: &Model) -> Tree {
                 assert!(first <= start && end <= last);
             }
             match parent {
-                None => tree.roots.push(Root { start, end, split }),
+                None => {
+                    let ModelRoot { normal, is_inward, .. } = *root;
+                    tree.roots.push(Root { start, end, split, normal, is_inward });
+                }
                 Some((parent, true)) => tree.splits[parent as usize].kept = split,
                 Some((parent, false)) => tree.splits[parent as usize].born = split,
             }
             let ChildEntry { id, switch, radius, cone, .. } = entry;
-            tree.splits[split as usize] = Split { kept: NO_SPLIT, born: NO_SPLIT, id, switch, radius, cone };
+            tree.splits[split as usize] = Split { id, switch, radius, cone, normal: record.normal, ..Split::VACANT };
             tree.positions[split as usize] = record.position;
             born[split as usize] = page.triangles(index).collect();
             stack.extend(record.kept.map(|entry| (location, entry, start, split, Some((split, true)))));
@@ -336,7 +490,65 @@ pub(crate) fn read_back(model: &Model) -> Tree {
         tree.triangles.corners.append(&mut triangles);
         tree.triangles.offsets.push(tree.triangles.corners.len() as u32);
     }
-    tree
+    Back { tree }
+}
+
+impl Back {
+    /// Whether this is what a model must have of `tree`; what is not, where it is not. All but spheres and cones is as it was,
+    /// those of roots, too. Other spheres are no smaller, and nested; they are larger by no more than the rounding of the
+    /// radii below pages: a quarter octave, or a 2^15th of that of their root. Other cones hold those of the tree.
+    pub(crate) fn compare(&self, tree: &Tree) -> Result<(), String> {
+        let mut plain = self.tree.clone();
+        for root in &tree.roots {
+            let of_root = tree.splits[root.split as usize].radius;
+            // Each node with the leaf where it stands.
+            let mut stack = vec![(root.split, root.start, root.normal)];
+            while let Some((split, start, normal)) = stack.pop() {
+                let (node, back) = (tree.splits[split as usize], self.tree.splits[split as usize]);
+                if split == root.split {
+                    if (back.radius, back.cone) != (node.radius, node.cone) {
+                        return Err(format!("split {split}, a root: {back:?} for {node:?}"));
+                    }
+                } else {
+                    if back.radius < node.radius || back.radius > node.radius * 1.2 + of_root / 32_000.0 {
+                        return Err(format!("split {split}: radius {} for {}", back.radius, node.radius));
+                    }
+                    if !is_cone_of(back.cone, node.cone, normal, root.is_inward) {
+                        return Err(format!("split {split}: cone {:?} for {:?} at {normal:?}", back.cone, node.cone));
+                    }
+                }
+                for (child, at) in [(node.kept, start), (node.born, split)] {
+                    let [from, to] = [start, at].map(|leaf| tree.positions[leaf as usize].map(f64::from));
+                    let distance =
+                        (0..3).map(|axis| (to[axis] - from[axis]) * (to[axis] - from[axis])).sum::<f64>().sqrt();
+                    let below = self.tree.splits.get(child as usize).map_or(0.0, |split| f64::from(split.radius));
+                    if distance + below > f64::from(back.radius) * (1.0 + SPHERE_TOLERANCE) {
+                        return Err(format!("split {split}: a child reaches {} of {}", distance + below, back.radius));
+                    }
+                    if child != NO_SPLIT {
+                        let normal = if at == start { normal } else { tree.splits[split as usize].normal };
+                        stack.push((child, at, normal));
+                    }
+                }
+                let Split { radius, cone, .. } = node;
+                plain.splits[split as usize] = Split { radius, cone, ..plain.splits[split as usize] };
+            }
+        }
+        if plain == *tree {
+            return Ok(());
+        }
+        for leaf in 0..tree.leaf_count().min(plain.leaf_count()) {
+            let (one, other) = (plain.positions[leaf], tree.positions[leaf]);
+            if one != other {
+                return Err(format!("leaf {leaf}: {one:?} for {other:?}, of steps of {}", tree.lattice_step));
+            }
+            let (one, other) = (plain.splits[leaf], tree.splits[leaf]);
+            if one != other {
+                return Err(format!("split {leaf}: {one:?} for {other:?}"));
+            }
+        }
+        Err("roots, triangles or units are others".into())
+    }
 }
 
 /// Plans for trees of up to `leaves` leaves of every kind.

@@ -154,15 +154,15 @@ fn square_distance(from: [f32; 3], to: [f32; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
-    use vdt::tree::NormalCone;
+    use vdt::tree::{Normal, NormalCone};
 
     use super::*;
     use crate::page::PageLocation;
 
     fn root(position: [f32; 3], radius: f32, switch: f32) -> ModelRoot {
         let page = PageLocation { number: 0, offset: 0, length: 0 };
-        let cone = NormalCone::EVERYTHING;
-        ModelRoot { start: 0, end: 2, position, id: 2, switch, radius, cone, record: 0, page }
+        let (cone, normal, is_inward) = (NormalCone::EVERYTHING, Normal::UP, false);
+        ModelRoot { start: 0, end: 2, position, normal, is_inward, id: 2, switch, radius, cone, record: 0, page }
     }
 
     proptest! {

@@ -1,15 +1,17 @@
 //! Visits the pages that a uniform cut needs, once each.
 //!
 //! A split is applied where its node's switch value is above the error; since switch values never rise from parent to
-//! child, the applied splits hang together, and a page without one is not read. Pages are visited parents before
-//! children; a tree whose root lies in a page that no applied split leads to is entered at that page.
+//! child, the applied splits of a tree hang together, and a page without one is not visited. Pages are visited parents
+//! before children. Where a tree begins in a page that no applied split leads to, the pages above it are read, since it
+//! cannot be decoded without them.
 //!
 //! The page holds its records' switch values only in the entries that lead to them, which may be in the parent page.
-//! So what the walk keeps of a page is those of its entries that lead on, until the child page was visited. RAM: one
-//! page, those entries for the pages on one path, and 5 bytes for each tree. A file that `verify` would refuse gives
-//! wrong figures or an error, but no endless walk: a page is entered from its parent only, and references within a page
-//! lead forward.
+//! So what the walk keeps of a page is those of its entries that lead on, until the child page was visited. RAM: a page
+//! for each level of the page tree ([`PageChain`]), those entries for the pages on one path, 4 bytes for each tree and one
+//! for each page on the way to one. A file that `verify` would refuse gives wrong figures or an error, but no endless walk:
+//! a page is entered from its parent only, and references within a page lead forward.
 
+use crate::chain::PageChain;
 use crate::header::ModelError;
 use crate::model::Model;
 use crate::page::{Page, PageLocation, Target};
@@ -26,7 +28,7 @@ pub(crate) struct Reached {
 /// A page that is to be visited.
 struct Visit {
     location: PageLocation,
-    /// The page whose entries lead there, `None` where only trees begin there.
+    /// Number of its parent page, `None` for a root page.
     parent: Option<u32>,
     /// Nodes that are reached, by record.
     nodes: Vec<(u16, Reached)>,
@@ -37,30 +39,38 @@ struct Visit {
 pub(crate) fn walk<E: From<ModelError>>(
     model: &Model,
     error: f32,
+    visit: impl FnMut(&Page, &[Reached]) -> Result<(), E>,
+) -> Result<(), E> {
+    walk_along(&mut PageChain::new(model), model, error, visit)
+}
+
+/// The same, with a chain that reads the pages.
+pub(crate) fn walk_along<E: From<ModelError>>(
+    chain: &mut PageChain<'_>,
+    model: &Model,
+    error: f32,
     mut visit: impl FnMut(&Page, &[Reached]) -> Result<(), E>,
 ) -> Result<(), E> {
     let applied = |switch: f32| switch > error;
-    let roots_by_page = model.roots_by_page();
-    let mut roots_done = vec![false; model.roots().len()];
-    let mut page = model.empty_page();
-    let mut staging = Vec::new();
+    let begins = |number: u32| {
+        let trees = model.roots_in_page(number);
+        trees.iter().any(|index| applied(model.roots()[*index as usize].switch))
+    };
+    let leads = leading_ways(model, begins);
+    let is_needed = |number: u32| match model.ways().binary_search_by_key(&number, |way| way.page.number) {
+        Ok(way) => leads.ways[way],
+        Err(_) => leads.root_pages.get(number as usize).is_some_and(|leads| *leads),
+    };
     let mut reached = Vec::new();
-    for first in &roots_by_page {
-        let root = &model.roots()[*first as usize];
-        // Pages of smaller numbers come first, and with them all that could lead to this one.
-        if roots_done[*first as usize] || !applied(root.switch) {
+    for root_page in model.root_pages() {
+        if !is_needed(root_page.number) {
             continue;
         }
-        let mut stack = vec![Visit { location: root.page, parent: None, nodes: Vec::new() }];
+        let mut stack = vec![Visit { location: *root_page, parent: None, nodes: Vec::new() }];
         while let Some(Visit { location, parent, mut nodes }) = stack.pop() {
-            model.read_page(location, &mut staging, &mut page)?;
-            if parent.is_some() && page.parent() != parent {
-                let problem = format!("its parent is given as {:?}", page.parent());
-                return Err(model.damaged_page(location.number, problem).into());
-            }
-            for index in model.roots_in_page(&roots_by_page, location.number) {
+            let page = chain.page(location, parent)?;
+            for index in model.roots_in_page(location.number) {
                 let root = &model.roots()[*index as usize];
-                roots_done[*index as usize] = true;
                 nodes.push((root.record, Reached { switch: root.switch, pages: 1 }));
             }
             reached.clear();
@@ -88,12 +98,12 @@ pub(crate) fn walk<E: From<ModelError>>(
                     }
                 }
             }
-            visit(&page, &reached)?;
+            if reached.iter().any(|node| applied(node.switch)) {
+                visit(page, &reached)?;
+            }
             let first = stack.len();
             for (child, nodes) in page.children().zip(below) {
-                let trees = model.roots_in_page(&roots_by_page, child.number);
-                let begins = trees.iter().any(|index| applied(model.roots()[*index as usize].switch));
-                if begins || nodes.iter().any(|(_, node)| applied(node.switch)) {
+                if is_needed(child.number) || nodes.iter().any(|(_, node)| applied(node.switch)) {
                     stack.push(Visit { location: child, parent: Some(location.number), nodes });
                 }
             }
@@ -101,4 +111,28 @@ pub(crate) fn walk<E: From<ModelError>>(
         }
     }
     Ok(())
+}
+
+/// Which pages of the model's tables are needed.
+struct Leads {
+    root_pages: Vec<bool>,
+    ways: Vec<bool>,
+}
+
+/// The pages in which one of the trees looked for begins, by `begins`, and those that lead there.
+fn leading_ways(model: &Model, begins: impl Fn(u32) -> bool) -> Leads {
+    let mut leads = Leads {
+        root_pages: model.root_pages().iter().map(|page| begins(page.number)).collect(),
+        ways: model.ways().iter().map(|way| begins(way.page.number)).collect(),
+    };
+    // Parents stand before their children.
+    for (index, way) in model.ways().iter().enumerate().rev() {
+        if leads.ways[index] {
+            match model.ways().binary_search_by_key(&way.parent, |way| way.page.number) {
+                Ok(parent) => leads.ways[parent] = true,
+                Err(_) => leads.root_pages[way.parent as usize] = true,
+            }
+        }
+    }
+    leads
 }

@@ -15,11 +15,21 @@ use parking_lot::{Condvar, Mutex};
 /// Most urgent requests on the board.
 const URGENT_LIMIT: usize = 256;
 
+/// A page that a node of the front needs to be split.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Request {
+    /// Where it lies.
+    pub location: PageLocation,
+    /// Number of its parent, which is in use by then; `None` for the page in which a tree begins, whose ancestors need
+    /// not be there.
+    pub parent: Option<u32>,
+}
+
 /// What the I/O process is to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Command {
     /// Load a page that a node of the front needs to be split.
-    Urgent(PageLocation),
+    Urgent(Request),
     /// The page in this place holder came into use, or went out of it: prefetch its parent and its children, or let go
     /// of them.
     Follow {
@@ -32,7 +42,7 @@ pub enum Command {
 
 #[derive(Debug)]
 struct State {
-    urgent: VecDeque<PageLocation>,
+    urgent: VecDeque<Request>,
     /// The page that is being loaded urgently.
     loading: Option<u32>,
     changed: VecDeque<u32>,
@@ -72,12 +82,13 @@ impl Board {
     }
 
     /// Asks for a page, unless it is asked for already or too many are.
-    pub fn post_urgent(&self, location: PageLocation) {
+    pub fn post_urgent(&self, request: Request) {
         let mut state = self.state.lock();
+        let number = request.location.number;
         let asked_for =
-            state.loading == Some(location.number) || state.urgent.iter().any(|other| other.number == location.number);
+            state.loading == Some(number) || state.urgent.iter().any(|other| other.location.number == number);
         if !asked_for && state.urgent.len() < self.urgent_limit {
-            state.urgent.push_back(location);
+            state.urgent.push_back(request);
             self.posted.notify_one();
         }
     }
@@ -117,9 +128,9 @@ impl Board {
         state.loading = None;
         let command = if state.stop {
             Some(Command::Stop)
-        } else if let Some(location) = state.urgent.pop_front() {
-            state.loading = Some(location.number);
-            Some(Command::Urgent(location))
+        } else if let Some(request) = state.urgent.pop_front() {
+            state.loading = Some(request.location.number);
+            Some(Command::Urgent(request))
         } else if let Some(slot) = state.changed.pop_front() {
             state.is_noted[slot as usize] = false;
             Some(Command::Follow { slot })
@@ -161,8 +172,8 @@ impl Board {
 mod tests {
     use super::*;
 
-    fn location(number: u32) -> PageLocation {
-        PageLocation { number, offset: 0, length: 4 }
+    fn request(number: u32) -> Request {
+        Request { location: PageLocation { number, offset: 0, length: 4 }, parent: None }
     }
 
     #[test]
@@ -170,12 +181,12 @@ mod tests {
         let board = Board::new(16);
         board.post_change(3);
         board.post_change(3);
-        board.post_urgent(location(7));
-        board.post_urgent(location(7));
+        board.post_urgent(request(7));
+        board.post_urgent(request(7));
         assert!(!board.is_idle());
-        assert_eq!(board.take(), Some(Command::Urgent(location(7))));
+        assert_eq!(board.take(), Some(Command::Urgent(request(7))));
         // Still being loaded.
-        board.post_urgent(location(7));
+        board.post_urgent(request(7));
         assert_eq!(board.take(), Some(Command::Follow { slot: 3 }));
         board.post_change(3);
         assert_eq!(board.take(), Some(Command::Follow { slot: 3 }));
@@ -183,7 +194,7 @@ mod tests {
         assert_eq!(board.take(), None);
         assert!(board.is_idle());
         // Four for 16 slots.
-        (0..9).for_each(|number| board.post_urgent(location(number)));
+        (0..9).for_each(|number| board.post_urgent(request(number)));
         assert_eq!((0..9).filter(|_| board.take().is_some()).count(), 4);
         board.post_change(0);
         board.post_stop();

@@ -1,30 +1,35 @@
 //! How the memory that the user allows is shared out, before anything is allocated.
 //!
 //! Everything that grows with the model counts: its root table, the place holders, the front's nodes and triangles and
-//! the lists of candidates, and the buffers for one page. What is left after the fixed parts is shared by the place
-//! holders and the front; neither gets more than the whole model needs, and what one cannot use goes to the other.
+//! the lists of candidates, and the buffers for one page. A page is there with all above it, so the fewest place holders
+//! rise with the levels of the page tree. What is left after the fixed parts is shared by the place holders and the
+//! front; neither gets more than the whole model needs, and what one cannot use goes to the other.
 
 use std::path::PathBuf;
 
 use metanode::model::Model;
+use metanode::page::{Page, PageLocation};
+use parking_lot::RwLockReadGuard;
 use thiserror::Error;
 
 use crate::front::{Corner, NODE_BYTES, TREE_BYTES, TRIANGLE_BYTES, TRIANGLE_LIMIT};
 use crate::pool::{LEAST_FOR_URGENT, SLOT_OVERHEAD_BYTES};
 use crate::refine::CHAIN_BYTES;
 
+/// Bytes for each page above the one that is decoded: its place holder, a guard and a reference; and, for the navigator
+/// and for the I/O process, where it lies.
+const ANCESTOR_BYTES: usize =
+    size_of::<u32>() + size_of::<RwLockReadGuard<'_, Page>>() + size_of::<&Page>() + 2 * size_of::<PageLocation>();
 /// Bytes of a candidate for a split or a collapse.
 const CANDIDATE_BYTES: usize = size_of::<u64>();
 /// The place holders' share. Flights and orbits over three models (dragon, terrain, robot) in 2, 4 and 16 MB, at a
 /// tenth of a pixel so that the limits decided, drew 3 to 18 % more triangles with 0.55 than with 0.5, 2 to 4 % more
 /// than with 0.6, and clearly more than with 0.3 or 0.7.
 const POOL_SHARE: f64 = 0.55;
-/// Fewest place holders: one in use, and those that the rule of three asks for.
-const LEAST_SLOTS: usize = LEAST_FOR_URGENT + 1;
 /// Fewest applied splits that the front has room for, in a model that has as many.
 const LEAST_SPLITS: usize = 256;
 /// Place holders more than there are pages from which on none is ever missing: by the rule of three, with all pages but
-/// one in use, three must not be for the last to be loaded.
+/// one needed, three must not be for the last to be loaded.
 pub const SPARE_SLOTS: usize = LEAST_FOR_URGENT - 1;
 
 /// What is allocated.
@@ -50,7 +55,7 @@ pub struct Budget {
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error(
     "{}: {memory} bytes of RAM are too few to fly through this model (components: {roots}, meta-nodes of {slot_bytes} \
-     bytes); run again with --memory {}K", path.display(), smallest.div_ceil(1024)
+     bytes on {page_levels} levels); run again with --memory {}K", path.display(), smallest.div_ceil(1024)
 )]
 pub struct BudgetError {
     /// The model.
@@ -63,6 +68,8 @@ pub struct BudgetError {
     pub roots: u32,
     /// Bytes of the largest page, decoded.
     pub slot_bytes: u32,
+    /// Levels of the page tree: a page takes those above it.
+    pub page_levels: u32,
 }
 
 /// The parts of a model that decide what it needs.
@@ -71,6 +78,7 @@ struct Needs {
     splits: usize,
     triangles: usize,
     pages: usize,
+    page_levels: usize,
     slot_bytes: usize,
     /// What is needed whatever the size of pool and front.
     fixed_bytes: usize,
@@ -87,10 +95,12 @@ impl Needs {
             splits: header.split_count as usize,
             triangles: header.triangle_count as usize,
             pages: header.page_count as usize,
+            page_levels: header.page_levels as usize,
             slot_bytes,
             fixed_bytes: model.resident_bytes()
                 + header.root_count as usize * TREE_BYTES
                 + header.largest_page_bytes as usize
+                + header.page_levels as usize * ANCESTOR_BYTES
                 + born_triangles * size_of::<Corner>()
                 + CHAIN_BYTES,
             born_triangles,
@@ -99,6 +109,12 @@ impl Needs {
 
     fn slot_cost(&self) -> usize {
         self.slot_bytes + SLOT_OVERHEAD_BYTES
+    }
+
+    /// Fewest place holders: for the pages above one on the last level, or for one page in use where there is no other
+    /// level; and those that the rule of three asks for. So any page can be used (see [`pool`](crate::pool)).
+    fn least_slots(&self) -> usize {
+        (self.page_levels.saturating_sub(1).max(1) + LEAST_FOR_URGENT).min(self.most_slots())
     }
 
     fn most_slots(&self) -> usize {
@@ -149,7 +165,7 @@ impl Needs {
 /// Shares out `memory` bytes for `model`.
 pub fn plan(model: &Model, memory: u64) -> Result<Budget, BudgetError> {
     let needs = Needs::of(model);
-    let least_slots = LEAST_SLOTS.min(needs.most_slots());
+    let least_slots = needs.least_slots();
     let least_splits = LEAST_SPLITS.min(needs.splits);
     let smallest = needs.budget(least_slots, least_splits).bytes;
     if smallest > memory {
@@ -160,6 +176,7 @@ pub fn plan(model: &Model, memory: u64) -> Result<Budget, BudgetError> {
             smallest,
             roots: header.root_count,
             slot_bytes: header.slot_bytes,
+            page_levels: header.page_levels,
         });
     }
     // At least what the least pool and the least front take, by the check just made.
@@ -192,7 +209,7 @@ mod tests {
         while memory < whole.bytes {
             let budget = plan(&model, memory).unwrap();
             assert!(budget.bytes <= memory && budget.bytes > memory - 2 * u64::from(model.header().slot_bytes) - 4096);
-            assert!(budget.slots >= LEAST_SLOTS);
+            assert!(budget.slots >= LEAST_FOR_URGENT + model.header().page_levels as usize - 1);
             memory += 1000;
         }
         assert_eq!(plan(&model, whole.bytes).unwrap(), whole);

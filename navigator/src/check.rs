@@ -1,6 +1,7 @@
 //! Whether the front and the pool are well-formed (invariants 4 and 5 of the design). Slow: for tests, and for whoever
 //! does not trust a model.
 
+use metanode::model::{Model, PageReader};
 use metanode::page::{Page, PageLocation, Target};
 
 use crate::dependency::Dependency;
@@ -15,14 +16,20 @@ use crate::navigator::Navigator;
 /// - with implicit dependency, of the collapses that moved a corner of a triangle, those that are not undone come before those
 ///   that are;
 /// - the usage count of each place holder is the number of applied splits of its page; the pool's own counts and lists
-///   fit to each other.
+///   fit to each other; the parent of each page that is there is there.
 pub fn check(navigator: &Navigator) -> Result<(), String> {
-    check_nodes(navigator)?;
-    check_stars(navigator.front())?;
-    check_births(navigator)?;
+    check_cut(navigator)?;
     if navigator.dependency() == Dependency::Implicit {
         check_lives(navigator)?;
     }
+    Ok(())
+}
+
+/// All of that but for what pages below the front say, which are not read: what holds whatever the pages of a model are.
+pub(crate) fn check_cut(navigator: &Navigator) -> Result<(), String> {
+    check_nodes(navigator)?;
+    check_stars(navigator.front())?;
+    check_births(navigator)?;
     check_usage(navigator)?;
     navigator.paging().pool().check()
 }
@@ -35,7 +42,7 @@ fn check_nodes(navigator: &Navigator) -> Result<(), String> {
         if front.is_active(node) {
             intervals.push((start, end));
             let is_leaf = front.state(node) == State::Leaf;
-            if is_leaf != (end - start == 1) || is_leaf != (front.id(node) < navigator.model().header().leaf_count) {
+            if is_leaf != (end - start == 1) || is_leaf != (front.id(node) == 0) {
                 return Err(format!("active node {node} with leaves {start}..{end} has id {}", front.id(node)));
             }
         } else {
@@ -136,8 +143,7 @@ fn check_lives(navigator: &Navigator) -> Result<(), String> {
             for second in (0..3).filter(|second| *second != first) {
                 let moves_on = front.moved_by(nodes[second]);
                 // Seldom is more to be known than the node's id.
-                if front.id(nodes[first]) >= moves_on && last_moved(navigator, nodes[first], leaves[first])? >= moves_on
-                {
+                if front.id(nodes[first]) > moves_on && last_moved(navigator, nodes[first], leaves[first])? > moves_on {
                     return Err(format!(
                         "triangle {leaves:?}: a corner was moved to node {} when that at {} had moved on",
                         front.id(nodes[first]),
@@ -157,10 +163,20 @@ fn last_moved(navigator: &Navigator, node: u32, leaf: u32) -> Result<u32, String
         return Ok(0);
     }
     let (mut moved, mut index) = (front.id(node), front.record(node));
+    let mut above = Vec::new();
     let mut below = match front.parent(node) {
-        NONE => Some(paging.location(front, node)),
+        NONE => {
+            let location = paging.location(front, node);
+            for location in model.way_to(location.number) {
+                read_below(model, location, &mut above, &mut PageReader::default())?;
+            }
+            Some(location)
+        }
         parent => {
-            let page = paging.page(front.page_or_slot(parent));
+            let slot = front.page_or_slot(parent);
+            let page = paging.page(slot);
+            above.extend(paging.pool().ancestors(slot).iter().map(|page| Page::clone(page)));
+            above.push(Page::clone(&page));
             if page.number() == front.page_or_slot(node) {
                 moved_within(&page, &mut index, leaf, &mut moved)?
             } else {
@@ -168,12 +184,26 @@ fn last_moved(navigator: &Navigator, node: u32, leaf: u32) -> Result<u32, String
             }
         }
     };
-    let (mut page, mut staging) = (model.empty_page(), Vec::new());
+    let mut reader = PageReader::default();
     while let Some(location) = below {
-        model.read_page(location, &mut staging, &mut page).map_err(|error| error.to_string())?;
-        below = moved_within(&page, &mut index, leaf, &mut moved)?;
+        let page = read_below(model, location, &mut above, &mut reader)?;
+        below = moved_within(page, &mut index, leaf, &mut moved)?;
     }
     Ok(moved)
+}
+
+/// Reads a page whose ancestors are `above`, and adds it to them.
+fn read_below<'a>(
+    model: &Model,
+    location: PageLocation,
+    above: &'a mut Vec<Page>,
+    reader: &mut PageReader,
+) -> Result<&'a Page, String> {
+    let mut page = model.empty_page();
+    let ancestors: Vec<&Page> = above.iter().collect();
+    model.read_page(location, &ancestors, reader, &mut page).map_err(|error| error.to_string())?;
+    above.push(page);
+    Ok(&above[above.len() - 1])
 }
 
 /// Follows the kept children below record `index` of a page to that whose split moved the corner of this leaf. The child

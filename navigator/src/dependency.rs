@@ -1,16 +1,16 @@
 //! Implicit dependency (the paper, 3.3.5): whether a split or a collapse is safe, told from the ids of the nodes
 //! around.
 //!
-//! The nodes were numbered in an order in which the collapses of the build can be made: leaves first, then 0 to the last
-//! collapse. A collapse *moves* the corners at the born child to the kept child's place; those at the kept child stay where
+//! The id of a collapse is larger than those of all that it depends on; leaves have 0. A collapse *moves* the corners at the born child to the kept child's place; those at the kept child stay where
 //! they are. The front keeps, for every active triangle, that of all the collapses that move one of its corners those that
 //! are not undone come before those that are: for each two of its corners, at the nodes a and b, that at a was moved there
-//! last before the next collapse that moves what is at b (`docs/error.md`, section 4). So the front is a state of the
+//! last no later than the next collapse that moves what is at b, by their ids (`docs/error.md`, section 4). (Where those have
+//! the same id, neither depends on the other.) So the front is a state of the
 //! construction, made in some order: nothing is ever drawn that was not tested for fold-over, and errors are bounded.
 //!
-//! - A node may split if it came to be after the corners next to those that move back were moved last: at the triangles
+//! - A node may split if it did not come to be before the corners next to those that move back were moved last: at the triangles
 //!   around it that have a corner under the born child, and at those that its split bears.
-//! - A node may be restored, its children collapsed, if its id is less than that of the next collapse to move any of the
+//! - A node may be restored, its children collapsed, if its id is not above that of the next collapse to move any of the
 //!   nodes around the born child.
 //! - Where a third corner is not a neighbour of the node before the split (it is, but at some borders and knots), it
 //!   may lie so much deeper that it moved on before a corner at a child was moved there. That child has to split too, at
@@ -39,14 +39,14 @@ pub enum Dependency {
 
 /// When a corner was moved to the active node that it is at, by the id of the collapse that did, or later: the node's
 /// id, unless what is known of the kept children below it says more. (0: it never was moved.) Only pages in use are looked
-/// at. Nothing below `enough` is looked for.
+/// at, and no longer than it may be later than `enough`.
 pub fn last_moved(front: &Front, paging: &Paging, Corner { node, leaf }: Corner, enough: u32) -> u32 {
     let mut moved = front.id(node);
     let parent = front.parent(node);
     if front.state(node) == State::Leaf {
         return 0;
     }
-    if parent == NONE || moved < enough {
+    if parent == NONE || moved <= enough {
         return moved;
     }
     let slot = front.page_or_slot(parent);
@@ -64,7 +64,7 @@ pub fn last_moved(front: &Front, paging: &Paging, Corner { node, leaf }: Corner,
         let Some(kept) = record.kept else { return 0 };
         moved = moved.min(kept.id);
         match kept.target {
-            Target::SamePage { record } if moved >= enough => index = record,
+            Target::SamePage { record } if moved > enough => index = record,
             _ => break,
         }
     }
@@ -76,7 +76,7 @@ pub fn last_moved(front: &Front, paging: &Paging, Corner { node, leaf }: Corner,
 pub fn blocking_node(front: &Front, paging: &Paging, prepared: &Prepared) -> Option<u32> {
     let id = front.id(prepared.node());
     let mut corners = front.around_moved(prepared).chain(front.thirds().iter().copied());
-    corners.find(|corner| last_moved(front, paging, *corner, id) >= id).map(|corner| corner.node)
+    corners.find(|corner| last_moved(front, paging, *corner, id) > id).map(|corner| corner.node)
 }
 
 /// Whether a corner at an active node was moved there when another corner of its triangle had moved on, so that the node has
@@ -86,7 +86,7 @@ pub fn is_late(front: &Front, paging: &Paging, node: u32, other: Option<u32>) ->
     front.corners_around(node).any(|(leaf, others)| {
         let counts = other.is_none_or(|other| others.iter().any(|corner| corner.node == other));
         let moves_on = front.moved_by(others[0].node).min(front.moved_by(others[1].node));
-        counts && moves_on <= id && last_moved(front, paging, Corner { node, leaf }, moves_on) >= moves_on
+        counts && moves_on < id && last_moved(front, paging, Corner { node, leaf }, moves_on) > moves_on
     })
 }
 
@@ -98,5 +98,5 @@ pub fn collapse_is_blocked(front: &Front, node: u32) -> bool {
     let moves_any = front.star(born).any(|others| !others.contains(&kept));
     let around_kept = (!moves_any).then(|| front.star(kept)).into_iter().flatten();
     let mut around = front.star(born).chain(around_kept).flatten();
-    around.any(|neighbour| front.moved_by(neighbour) <= id && neighbour != kept && neighbour != born)
+    around.any(|neighbour| front.moved_by(neighbour) < id && neighbour != kept && neighbour != born)
 }

@@ -290,7 +290,7 @@ impl Front {
         self.shapes.iter().map(|shape| (shape.state, &shape.sphere))
     }
 
-    /// Dependency id of a node.
+    /// Dependency id of a node; 0 of a leaf.
     pub fn id(&self, node: u32) -> u32 {
         self.links[node as usize].id
     }
@@ -469,7 +469,7 @@ impl Front {
         }
         for (entry, from, to) in [(record.kept, start, middle), (record.born, middle, end)] {
             let fits = match entry {
-                Some(entry) => to - from > 1 && entry.id >= self.leaf_count && entry.id < id,
+                Some(entry) => to - from > 1 && entry.id > 0 && entry.id < id,
                 None => to - from == 1,
             };
             if !fits {
@@ -577,7 +577,7 @@ impl Front {
         let (shape, id, record) = match entry {
             None => {
                 let sphere = Sphere { position, radius: 0.0, switch: 0.0, cone: NormalCone::EVERYTHING };
-                (Shape { sphere, page: NONE, state: State::Leaf }, start, 0)
+                (Shape { sphere, page: NONE, state: State::Leaf }, 0, 0)
             }
             Some(ChildEntry { id, switch, radius, cone, target }) => {
                 let record = match target {
@@ -692,7 +692,7 @@ mod tests {
         let disk = testing::disk_of(&tree, blocking);
         let model = metanode::model::Model::open(&disk, "model.vdt".as_ref()).unwrap();
         let mut page = model.empty_page();
-        model.read_page(model.root_pages()[0], &mut Vec::new(), &mut page).unwrap();
+        model.read_page(model.root_pages()[0], &[], &mut metanode::model::PageReader::default(), &mut page).unwrap();
         let leaves = tree.leaf_count();
         let mut front = Front::new(model.roots(), leaves as u32, 2 * leaves, tree.triangles.corners.len(), 100);
         let state = |front: &Front| {

@@ -3,19 +3,22 @@
 //! that a flight is the same each time.
 //!
 //! When a page comes into use its parent and its children are prefetched, each into a free place holder, as long as
-//! there are any: so "usually three levels of meta-nodes are kept in main memory". A parent page that is not there is
-//! left alone. It is there while a node above is split, and the page of a tree's root may lie without it; but no
-//! collapse ever needs it (see [`pool`](crate::pool)).
+//! there are any: so "usually three levels of meta-nodes are kept in main memory".
+//!
+//! A page is loaded below its parent only (see [`pool`](crate::pool)). Most often that one is there: the split that asks
+//! for the page follows one in the parent page. Where the parent has gone meanwhile, so has the node that asked, and the
+//! request is dropped. Only the page in which a tree begins is asked for by somebody without a parent; what is missing of
+//! the way to it is loaded first, from the root page down.
 //!
 //! What cannot be read is noted on the board. The navigator's next frame finds it there.
 
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
-use metanode::model::Model;
+use metanode::model::{Model, PageReader};
 use metanode::page::{Page, PageLocation};
 
-use crate::board::{Board, Command};
+use crate::board::{Board, Command, Request};
 use crate::pool::{Pool, Room};
 
 /// How the I/O process runs.
@@ -41,14 +44,14 @@ pub struct IoProcess {
     board: Arc<Board>,
     prefetch: bool,
     /// The encoded page that is being decoded.
-    staging: Vec<u8>,
+    reader: PageReader,
 }
 
 impl IoProcess {
     /// An I/O process that reads pages of `model` into `pool` as `board` says.
     pub fn new(model: Arc<Model>, pool: Arc<Pool>, board: Arc<Board>, prefetch: bool) -> Self {
-        let staging = Vec::with_capacity(model.header().largest_page_bytes as usize);
-        IoProcess { model, pool, board, prefetch, staging }
+        let reader = PageReader::default();
+        IoProcess { model, pool, board, prefetch, reader }
     }
 
     /// Carries out everything on the board.
@@ -72,10 +75,21 @@ impl IoProcess {
 
     fn execute(&mut self, command: Command) {
         match command {
-            Command::Urgent(location) => self.load(self.pool.make_room(location.number), location),
+            Command::Urgent(request) => self.load_urgently(request),
             Command::Follow { slot } => self.follow(slot, false),
             Command::Stop => (),
         }
+    }
+
+    /// Loads a page that a node needs, and before it what is missing of the way to the page of a tree.
+    fn load_urgently(&mut self, Request { location, parent }: Request) {
+        let mut parent = parent;
+        let way = if parent.is_none() { self.model.way_to(location.number) } else { Vec::new() };
+        for above in way {
+            self.load(self.pool.make_room(above.number, parent), above);
+            parent = Some(above.number);
+        }
+        self.load(self.pool.make_room(location.number, parent), location);
     }
 
     /// The start: loads root pages, into at most half of the place holders, and prefetches their children. The roots
@@ -83,7 +97,7 @@ impl IoProcess {
     pub fn load_roots(&mut self, locations: &[PageLocation]) {
         let mut slots = Vec::new();
         for location in locations.iter().take(self.pool.slot_count() / 2) {
-            let room = self.pool.reference(location.number);
+            let room = self.pool.reference(location.number, None);
             self.load(room, *location);
             if let Room::Slot { slot, .. } = room {
                 slots.push(slot);
@@ -123,7 +137,7 @@ impl IoProcess {
                 }
                 page.child_location(child)
             };
-            self.load(self.pool.reference(location.number), location);
+            self.load(self.pool.reference(location.number, Some(number)), location);
         }
     }
 
@@ -144,10 +158,11 @@ impl IoProcess {
         if refers && self.prefetch {
             self.stop_referring(slot, Some(location.number));
         }
-        let read = {
-            let mut page = self.pool.page_to_fill(slot);
-            self.model.read_page(location, &mut self.staging, &mut page)
-        };
+        let read = self.model.read_encoded(location, &mut self.reader).and_then(|()| {
+            let above = self.pool.ancestors(slot);
+            let ancestors: Vec<&Page> = above.iter().map(|page| &**page).collect();
+            self.model.decode(location, &ancestors, &mut self.reader, &mut self.pool.page_to_fill(slot))
+        });
         self.pool.loaded(slot, read.is_ok().then_some(location.length));
         if let Err(failure) = read {
             self.board.fail(failure);

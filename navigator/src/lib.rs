@@ -40,11 +40,11 @@ mod property_tests;
 #[cfg(test)]
 mod testing;
 
-pub use budget::BudgetError;
+pub use budget::{Budget, BudgetError, plan};
 pub use camera::Camera;
 pub use dependency::Dependency;
 pub use front::Misfit;
 pub use io_process::Io;
-pub use navigator::{ActiveNode, ActiveTriangle, Navigator, NavigatorError, NavigatorOptions};
+pub use navigator::{ActiveNode, ActiveTriangle, AppliedSplit, Navigator, NavigatorError, NavigatorOptions};
 pub use path::PathSpec;
 pub use statistics::{FlightSummary, FrameStatistics};

@@ -116,14 +116,12 @@ pub enum NavigatorError {
         source: Misfit,
     },
     /// A root is not one.
-    #[error("{}: root {root} has the id {id} of a leaf; the file is damaged, build it again", path.display())]
+    #[error("{}: root {root} has the id 0 of a leaf; the file is damaged, build it again", path.display())]
     Root {
         /// The model file.
         path: PathBuf,
         /// Which root, counted from 0.
         root: usize,
-        /// Its id.
-        id: u32,
     },
     /// The memory allowed is too little.
     #[error(transparent)]
@@ -156,7 +154,7 @@ pub struct ActiveNode {
     pub end_leaf: u32,
     /// Where it stands, in mesh units relative to the model's origin.
     pub position: [f32; 3],
-    /// Its dependency id.
+    /// Its dependency id; 0 for a leaf.
     pub id: u32,
     /// Its switch value, in mesh units; 0 for a leaf.
     pub switch: f32,
@@ -173,6 +171,15 @@ pub struct ActiveTriangle {
     pub positions: [[f32; 3]; 3],
     /// The triangle of the input mesh that this one stands for: its corners as leaf numbers.
     pub source: [u32; 3],
+}
+
+/// A split that is applied: that of a node above active ones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AppliedSplit {
+    /// The leaf that it bears. No other split of the model bears that one.
+    pub born_leaf: u32,
+    /// Number of the meta-node that it is in.
+    pub page: u32,
 }
 
 /// A model being looked at.
@@ -226,8 +233,8 @@ impl Navigator {
             return Err(NavigatorError::Options { problem });
         }
         let leaf_count = model.header().leaf_count;
-        if let Some((root, wrong)) = model.roots().iter().enumerate().find(|(_, root)| root.id < leaf_count) {
-            return Err(NavigatorError::Root { path: model.path().into(), root, id: wrong.id });
+        if let Some((root, _)) = model.roots().iter().enumerate().find(|(_, root)| root.id == 0) {
+            return Err(NavigatorError::Root { path: model.path().into(), root });
         }
         let budget = budget::plan(&model, options.memory)?;
         let front = Front::new(model.roots(), leaf_count, budget.nodes, budget.triangles, budget.born_triangles);
@@ -378,6 +385,17 @@ impl Navigator {
             leaves: nodes.map(|node| self.front.interval(node).0),
             positions: nodes.map(|node| self.front.sphere(node).position),
             source,
+        })
+    }
+
+    /// The splits that are applied, in no particular order: one for each active node that is no root. Their meta-nodes
+    /// are those in use.
+    pub fn applied_splits(&self) -> impl Iterator<Item = AppliedSplit> + '_ {
+        let applied = |node: &u32| matches!(self.front.state(*node), State::Split | State::Collapsible);
+        self.front.nodes().filter(applied).map(|node| {
+            let [_, born] = self.front.children(node);
+            let page = self.paging.page_number(self.front.page_or_slot(node));
+            AppliedSplit { born_leaf: self.front.interval(born).0, page }
         })
     }
 
@@ -584,11 +602,11 @@ impl Navigator {
             if limit >= whole { 0.0 } else { used as f64 / limit.max(1) as f64 }
         };
         let nodes = header.leaf_count as usize + header.split_count as usize;
-        // One place holder is never in use.
+        // One place holder is never needed.
         let (slots, pages) = (self.budget.slots - 1, header.page_count as usize + SPARE_SLOTS - 1);
         part(self.front.node_count(), self.front.node_capacity(), nodes)
             .max(part(self.front.triangle_count(), self.triangle_limit(), header.triangle_count as usize))
-            .max(part(self.paging.pool().in_use(), slots, pages))
+            .max(part(self.paging.pool().needed(), slots, pages))
     }
 
     /// Largest switch value of the active nodes that can be in the picture.

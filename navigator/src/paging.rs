@@ -7,7 +7,7 @@ use metanode::model::Model;
 use metanode::page::{Page, PageLocation};
 use parking_lot::RwLockReadGuard;
 
-use crate::board::Board;
+use crate::board::{Board, Request};
 use crate::front::{Front, Misfit, NONE};
 use crate::io_process::{Io, IoProcess};
 use crate::navigator::NavigatorError;
@@ -92,18 +92,21 @@ impl Paging {
                 return Use::Granted { slot };
             }
         }
-        let mut found = self.pool.use_page(page);
+        // The parent's page is in use, and its ancestors are there. Who has no parent may have to have them brought in.
+        let way = if parent == NONE { self.model.way_to(page) } else { Vec::new() };
+        let mut found = self.pool.use_page(page, &way);
         if found == Use::Missing {
-            let location = self.location(front, node);
-            self.board.post_urgent(location);
+            let above = (parent != NONE).then(|| self.page_of_slot[front.page_or_slot(parent) as usize]);
+            let request = Request { location: self.location(front, node), parent: above };
+            self.board.post_urgent(request);
             if self.run_inline() {
-                found = self.pool.use_page(page);
+                found = self.pool.use_page(page, &way);
                 if found == Use::Missing {
                     // What else is held is for later; this page is used now.
                     self.pool.end_all_holds();
-                    self.board.post_urgent(location);
+                    self.board.post_urgent(request);
                     self.run_inline();
-                    found = self.pool.use_page(page);
+                    found = self.pool.use_page(page, &way);
                 }
             }
         }

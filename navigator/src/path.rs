@@ -2,11 +2,13 @@
 //! over its surface. The same model gives the same path, on any machine.
 
 use std::f64::consts::TAU;
+use std::fmt;
 use std::io::BufRead;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use glam::DVec3;
+use metanode::chain::PageChain;
 use metanode::header::ModelError;
 use metanode::model::Model;
 use metanode::page::NormalCone;
@@ -89,6 +91,16 @@ pub enum PathError {
     /// The model, for which a path is to be made, cannot be read.
     #[error(transparent)]
     Model(#[from] ModelError),
+}
+
+impl fmt::Display for PathSpec {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            PathSpec::File(path) => write!(out, "{}", path.display()),
+            PathSpec::Orbit { frames } => write!(out, "orbit:{frames}"),
+            PathSpec::Flyby { frames } => write!(out, "flyby:{frames}"),
+        }
+    }
 }
 
 impl FromStr for PathSpec {
@@ -192,12 +204,12 @@ fn surface_points(model: &Model) -> Result<Vec<SurfacePoint>, PathError> {
     };
     let mut points: Vec<_> =
         model.roots().iter().take(SURFACE_POINTS).map(|root| point(root.position, root.cone)).collect();
-    let (mut staging, mut page) = (Vec::new(), model.empty_page());
+    let mut chain = PageChain::new(model);
     for location in model.root_pages() {
         if points.len() >= SURFACE_POINTS {
             break;
         }
-        model.read_page(*location, &mut staging, &mut page)?;
+        let page = chain.page(*location, None)?;
         let records = (0..page.counts().records as u16).filter_map(|index| page.record(index));
         points.extend(records.map(|record| {
             let cone = record.born.map_or(NormalCone::EVERYTHING, |born| born.cone);
@@ -343,6 +355,9 @@ mod tests {
         assert_eq!("orbit:12".parse::<PathSpec>().unwrap(), PathSpec::Orbit { frames: 12 });
         assert_eq!("flyby:1".parse::<PathSpec>().unwrap(), PathSpec::Flyby { frames: 1 });
         assert_eq!("walk.txt".parse::<PathSpec>().unwrap(), PathSpec::File("walk.txt".into()));
+        for text in ["orbit:12", "flyby:1", "walk.txt"] {
+            assert_eq!(text.parse::<PathSpec>().unwrap().to_string(), text);
+        }
         for wrong in ["orbit:", "orbit:0", "flyby:-3", "flyby:1e3", "orbit:99999999"] {
             assert!(wrong.parse::<PathSpec>().unwrap_err().to_string().contains("number of frames"), "{wrong}");
         }

@@ -4,40 +4,56 @@
 //! count*, how many splits of its page are applied, and the *reference count*, how many pages in use have it prefetched
 //! as their parent or child; and for [`HOLD_FRAMES`] frames it may be *held*, for a node that asked for it urgently and
 //! has not used it yet, or had to let go of it because another page is missing. Then it gives way to nobody: else
-//! urgent pages would push each other out for nothing. A slot with both counts zero and not held is in the *free list*,
-//! and is given to the next page that needs one. Its page stays in the hash table until then: when it is asked for
-//! again before, it gets a *second chance*, and is taken out of the free list without a disk read. Freed slots go to
-//! the end of the list, slots to be filled come from its front.
+//! urgent pages would push each other out for nothing. A slot with both counts zero, not held and without child pages is
+//! in the *free list*, and is given to the next page that needs one. Its page stays in the hash table until then: when it
+//! is asked for again before, it gets a *second chance*, and is taken out of the free list without a disk read. Freed
+//! slots go to the end of the list, slots to be filled come from its front.
+//!
+//! # Ancestors before descendants
+//!
+//! A page is decoded with all its ancestors at hand, from a root page down to its parent. So a page is only loaded below
+//! a parent that is there, and a slot counts the child pages that are there or being read: while there are any it is in
+//! no list from which slots are given out, whatever its other counts. Leaves of the page tree go first; with its last
+//! child gone, a page is what its other counts make of it. So the ancestors of a page that is there are always there.
 //!
 //! Only the navigator changes usage counts. A change from or to zero is made under the pool's lock, as is every look at
-//! the hash table, the free list and the other counts; a change of a count that stays above zero needs no lock. No lock
-//! but that of the page being filled is held during a disk read, and nobody else looks at that page.
+//! the hash table, the lists and the other counts; a change of a count that stays above zero needs no lock. No lock is
+//! held during a disk read. Those of a page and its ancestors are held while it is decoded, the ancestors' shared with
+//! whoever reads them, and nobody else looks at the page itself.
 //!
 //! # Never all in use
 //!
 //! The paper's rule of three: urgent prefetching for switching down only while at least three place holders are not in
 //! use, because switching down may bring two more into use (one for each child), so that one remains. Here a page is in
-//! use while one of its *splits* is applied, so:
+//! use while one of its *splits* is applied, and its ancestors cannot go then either. So what counts are the pages that
+//! are *needed*: in use, or above one that is. The pages that are there and not needed have no needed page below them,
+//! so with one of them there is also one without children, whose slot can be had, unless it is held.
 //!
-//! - A split brings at most one page into use: its own. It is refused while fewer than [`LEAST_FOR_SPLIT`] = 2 slots
-//!   are not in use, so at least one remains.
+//! - A split needs at most one page more: its own. Its parent's split is applied, in the same page or in the parent page;
+//!   so that one is in use, and the ancestors are needed already. The root of a tree has no parent: it needs its page,
+//!   and those of the way to it that nobody needed. A split is refused while fewer than
+//!   [`LEAST_FOR_SPLIT`] = 2 slots are not needed, and one more for each further page that it needs; so at least one
+//!   remains.
 //! - A collapse needs no page that is not there: the split that it undoes is applied, so its page is in use. Switching
 //!   up can always go on, and never has to wait for a disk.
-//! - A page is loaded urgently only while at least [`LEAST_FOR_URGENT`] = 3 slots are not in use: one that it goes to,
+//! - A page is loaded urgently only while at least [`LEAST_FOR_URGENT`] = 3 slots are not needed: one that it goes to,
 //!   one that stays, and one more for a page that comes into use while it is being read. With fewer it could be read
-//!   for nothing.
+//!   for nothing. For the root of a tree, one more for each page on the way to it that is not needed yet.
+//!
+//! So a page on level l of the page tree can be used, whatever else was let go, with l + 2 slots: its l - 1 ancestors and
+//! the three that it asks for.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use hashbrown::HashMap;
-use metanode::page::Page;
+use metanode::page::{Page, PageLocation};
 use parking_lot::{Mutex, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
 use crate::front::NONE;
 
-/// Slots that must not be in use for a split to bring one more page into use.
+/// Slots that must not be needed for a split that needs one more page.
 pub const LEAST_FOR_SPLIT: usize = 2;
-/// Slots that must not be in use for a page to be loaded urgently.
+/// Slots that must not be needed for a page to be loaded urgently whose ancestors are.
 pub const LEAST_FOR_URGENT: usize = 3;
 
 /// How many frames a page that was loaded urgently waits for its use.
@@ -59,7 +75,7 @@ enum Stage {
     Ready,
 }
 
-/// What a slot is at the moment; the first three are in a list each.
+/// What a slot is at the moment; the first three are in a list each. Those of the first two may be given to other pages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     /// Nobody needs its page: in the free list.
@@ -68,6 +84,8 @@ enum Kind {
     Prefetched,
     /// Its page is held for a node that is to use it.
     Held,
+    /// Its page is there for its child pages, whatever it is besides.
+    Above,
     /// Its page is in use.
     Used,
     /// Its page is being read.
@@ -84,7 +102,7 @@ impl Kind {
             Kind::Free => Some(0),
             Kind::Prefetched => Some(1),
             Kind::Held => Some(2),
-            Kind::Used | Kind::Loading => None,
+            Kind::Above | Kind::Used | Kind::Loading => None,
         }
     }
 }
@@ -107,7 +125,16 @@ struct Slot {
     held: Option<u32>,
     /// Whether the page in it has been counted in the references of its parent and children.
     refers: bool,
-    /// What follows from all that.
+    /// The slot of its parent page, [`NONE`] for a root page.
+    parent: u32,
+    /// How many of its child pages are there or being read; how many of those are needed, and how many kept.
+    children: u32,
+    needed_children: u32,
+    kept_children: u32,
+    /// What follows from all that: whether its page is in use or above one that is; whether it is or is above one that is
+    /// in use or held.
+    is_needed: bool,
+    is_kept: bool,
     kind: Kind,
     /// Neighbours in the list.
     before: u32,
@@ -115,6 +142,32 @@ struct Slot {
 }
 
 impl Slot {
+    /// A slot without a page.
+    const EMPTY: Slot = Slot {
+        page: NONE,
+        stage: Stage::Empty,
+        references: 0,
+        held: None,
+        refers: false,
+        parent: NONE,
+        children: 0,
+        needed_children: 0,
+        kept_children: 0,
+        is_needed: false,
+        is_kept: false,
+        kind: Kind::Free,
+        before: NONE,
+        after: NONE,
+    };
+
+    fn is_needed(&self, usage: u32) -> bool {
+        usage > 0 || self.needed_children > 0
+    }
+
+    fn is_kept(&self, usage: u32) -> bool {
+        self.is_needed(usage) || self.held.is_some() || self.kept_children > 0
+    }
+
     fn kind(&self, usage: u32) -> Kind {
         if self.stage == Stage::Loading {
             Kind::Loading
@@ -122,6 +175,8 @@ impl Slot {
             Kind::Used
         } else if self.held.is_some() {
             Kind::Held
+        } else if self.children > 0 {
+            Kind::Above
         } else if self.references > 0 {
             Kind::Prefetched
         } else {
@@ -143,7 +198,7 @@ pub struct PoolCounters {
     pub urgent: u64,
     /// Prefetches given up because there was no free slot.
     pub prefetch_given_up: u64,
-    /// Urgent pages that found no room, because what is not in use is held for others; and pages that could not be
+    /// Urgent pages that found no room, because what is not needed is held for others; and pages that could not be
     /// held.
     pub starved: u64,
 }
@@ -154,6 +209,8 @@ struct State {
     slots: Vec<Slot>,
     lists: [List; LISTS],
     in_use: usize,
+    needed: usize,
+    kept: usize,
     /// Counts the frames.
     frame: u32,
     counters: PoolCounters,
@@ -197,7 +254,7 @@ pub enum Room {
         /// taken out of them first.
         refers: bool,
     },
-    /// There is no room for it.
+    /// There is no room for it, or its parent is not there.
     None,
 }
 
@@ -250,25 +307,23 @@ impl State {
         Some(slot)
     }
 
-    /// Takes the slot out of the hash table, and out of its list, and gives it to `page`.
-    fn allocate(&mut self, slot: u32, page: u32) -> Room {
-        self.unlink(slot);
-        let previous = self.slots[slot as usize];
-        if previous.stage != Stage::Empty {
-            self.table.remove(&previous.page);
-        }
-        self.table.insert(page, slot);
-        self.slots[slot as usize] = Slot {
-            page,
-            stage: Stage::Loading,
-            references: 0,
-            held: None,
-            refers: false,
-            kind: Kind::Loading,
-            before: NONE,
-            after: NONE,
-        };
-        Room::Slot { slot, refers: previous.refers }
+    /// The slot that `page` can have, of those whose pages are of this kind: the one that has been so for the longest
+    /// time, but not that of its own parent. [`NONE`] where there is none.
+    fn first_but(&self, kind: Kind, parent: u32) -> u32 {
+        let first = self.list(kind).first;
+        if first != NONE && first == parent { self.slots[first as usize].after } else { first }
+    }
+
+    /// The slot of a parent page, [`NONE`] for that of a root page, which has none; `None` where it is not there.
+    fn slot_of_parent(&self, parent: Option<u32>) -> Option<u32> {
+        let Some(parent) = parent else { return Some(NONE) };
+        self.table.get(&parent).copied().filter(|slot| self.slots[*slot as usize].stage == Stage::Ready)
+    }
+
+    /// The slots above one, from that of its parent up.
+    fn above(&self, slot: u32) -> impl Iterator<Item = u32> + '_ {
+        let parent = |slot: u32| Some(self.slots[slot as usize].parent).filter(|parent| *parent != NONE);
+        std::iter::successors(parent(slot), move |slot| parent(*slot))
     }
 }
 
@@ -276,21 +331,13 @@ impl Pool {
     /// A pool of the given pages, which are empty and all of one size.
     pub fn new(pages: Vec<Page>, second_chance: bool) -> Self {
         let count = pages.len();
-        let empty = Slot {
-            page: NONE,
-            stage: Stage::Empty,
-            references: 0,
-            held: None,
-            refers: false,
-            kind: Kind::Free,
-            before: NONE,
-            after: NONE,
-        };
         let mut state = State {
             table: HashMap::with_capacity(count),
-            slots: vec![empty; count],
+            slots: vec![Slot::EMPTY; count],
             lists: [List { first: NONE, last: NONE, length: 0 }; LISTS],
             in_use: 0,
+            needed: 0,
+            kept: 0,
             frame: 0,
             counters: PoolCounters::default(),
         };
@@ -303,21 +350,62 @@ impl Pool {
         }
     }
 
-    /// Puts a slot into the list that it belongs to after a change; one that is held, or nobody needs any more, to its
-    /// end.
+    /// Puts a slot into the list that it belongs to after a change; one that was held, or that nobody needs any more, to
+    /// its end. Then the same for those above it, as far as it changes anything for them.
     fn settle(&self, state: &mut State, slot: u32) {
+        let mut slot = slot;
+        while slot != NONE {
+            slot = self.settle_one(state, slot);
+        }
+    }
+
+    /// Settles one slot. Returns that of the parent, where something changed for it.
+    fn settle_one(&self, state: &mut State, slot: u32) -> u32 {
+        let usage = self.usage(slot);
         let before = state.slots[slot as usize];
-        let kind = before.kind(self.usage(slot));
-        if kind == before.kind && kind != Kind::Held {
-            return;
-        }
-        if kind == Kind::Free && before.stage == Stage::Ready && !self.second_chance {
+        let (kind, is_needed, is_kept) = (before.kind(usage), before.is_needed(usage), before.is_kept(usage));
+        let is_flushed = kind == Kind::Free && before.stage == Stage::Ready && !self.second_chance;
+        if is_flushed {
             state.table.remove(&before.page);
-            state.slots[slot as usize].stage = Stage::Empty;
         }
+        if kind != before.kind || (kind == Kind::Held && before.held == Some(state.frame)) {
+            state.unlink(slot);
+            state.slots[slot as usize].kind = kind;
+            state.append(slot);
+        }
+        let entry = &mut state.slots[slot as usize];
+        (entry.is_needed, entry.is_kept) = (is_needed, is_kept);
+        let is_gone = is_flushed || before.stage == Stage::Empty;
+        if is_gone {
+            (entry.stage, entry.parent) = (Stage::Empty, NONE);
+        }
+        state.needed = state.needed + usize::from(is_needed) - usize::from(before.is_needed);
+        state.kept = state.kept + usize::from(is_kept) - usize::from(before.is_kept);
+        let Some(parent) = state.slots.get_mut(before.parent as usize) else { return NONE };
+        parent.children -= u32::from(is_gone);
+        parent.needed_children = parent.needed_children + u32::from(is_needed) - u32::from(before.is_needed);
+        parent.kept_children = parent.kept_children + u32::from(is_kept) - u32::from(before.is_kept);
+        let changed = is_gone || is_needed != before.is_needed || is_kept != before.is_kept;
+        if changed { before.parent } else { NONE }
+    }
+
+    /// Gives the slot, whose page is not kept and has no children, to `page`, whose parent is in the slot `parent`.
+    fn allocate(&self, state: &mut State, slot: u32, page: u32, parent: u32) -> Room {
         state.unlink(slot);
-        state.slots[slot as usize].kind = kind;
-        state.append(slot);
+        let previous = state.slots[slot as usize];
+        if previous.stage != Stage::Empty {
+            state.table.remove(&previous.page);
+        }
+        state.table.insert(page, slot);
+        state.slots[slot as usize] = Slot { page, stage: Stage::Loading, parent, kind: Kind::Loading, ..Slot::EMPTY };
+        if let Some(parent) = state.slots.get_mut(parent as usize) {
+            parent.children += 1;
+        }
+        if let Some(parent) = state.slots.get_mut(previous.parent as usize) {
+            parent.children -= 1;
+        }
+        [parent, previous.parent].into_iter().for_each(|parent| self.settle(state, parent));
+        Room::Slot { slot, refers: previous.refers }
     }
 
     /// A frame begins: what was held long enough is let go. Navigator only.
@@ -357,6 +445,11 @@ impl Pool {
         self.state.lock().in_use
     }
 
+    /// Slots whose page is in use or above one that is.
+    pub fn needed(&self) -> usize {
+        self.state.lock().needed
+    }
+
     /// What happened so far.
     pub fn counters(&self) -> PoolCounters {
         self.state.lock().counters
@@ -377,16 +470,31 @@ impl Pool {
         self.usage[slot as usize].fetch_add(1, Ordering::Relaxed);
     }
 
-    /// A first or further split of this page is to be applied. Navigator only.
-    pub fn use_page(&self, page: u32) -> Use {
+    /// The ancestors of the page in a slot, from the root page down to its parent; for who knows that the page is there,
+    /// or being read.
+    pub fn ancestors(&self, slot: u32) -> Vec<RwLockReadGuard<'_, Page>> {
+        let mut above: Vec<u32> = self.state.lock().above(slot).collect();
+        above.reverse();
+        above.into_iter().map(|slot| self.page(slot)).collect()
+    }
+
+    /// A first or further split of this page is to be applied. `way` are those of its ancestors that need not be there:
+    /// all of them for the root of a tree, else none. Navigator only.
+    pub fn use_page(&self, page: u32, way: &[PageLocation]) -> Use {
         let mut state = self.state.lock();
-        let not_in_use = self.pages.len() - state.in_use;
+        let not_needed = self.pages.len() - state.needed;
         let ready = state.table.get(&page).filter(|slot| state.slots[**slot as usize].stage == Stage::Ready);
         let Some(slot) = ready.copied() else {
-            return if not_in_use < LEAST_FOR_URGENT { Use::Refused } else { Use::Missing };
+            let is_needed = |page: &&PageLocation| {
+                state.table.get(&page.number).is_some_and(|slot| state.slots[*slot as usize].is_needed)
+            };
+            let more = way.len() - way.iter().filter(is_needed).count();
+            return if not_needed < LEAST_FOR_URGENT + more { Use::Refused } else { Use::Missing };
         };
         if self.usage(slot) == 0 {
-            if not_in_use < LEAST_FOR_SPLIT {
+            let pages = std::iter::once(slot).chain(state.above(slot));
+            let more = pages.filter(|slot| !state.slots[*slot as usize].is_needed).count();
+            if not_needed + 1 < LEAST_FOR_SPLIT + more {
                 return Use::Refused;
             }
             state.find(page);
@@ -410,34 +518,41 @@ impl Pool {
         let mut state = self.state.lock();
         usage.store(0, Ordering::Relaxed);
         state.in_use -= 1;
+        let frame = state.frame;
+        let entry = &mut state.slots[slot as usize];
+        let before = entry.held;
         match hold {
-            Hold::End => state.slots[slot as usize].held = None,
+            Hold::End => entry.held = None,
             Hold::Keep => (),
-            // Never so many that none is left for what is missing; where there is room for all pages, they never are.
-            Hold::Renew if state.list(Kind::Held).length + LEAST_FOR_URGENT <= self.pages.len() - state.in_use => {
-                state.slots[slot as usize].held = Some(state.frame);
-            }
-            Hold::Renew => state.counters.starved += 1,
+            Hold::Renew => entry.held = Some(frame),
         }
         self.settle(&mut state, slot);
+        // Never so many that none is left for what is missing; where there is room for all pages, they never are.
+        if hold == Hold::Renew && self.pages.len() - state.kept < LEAST_FOR_URGENT - 1 {
+            state.counters.starved += 1;
+            state.slots[slot as usize].held = before;
+            self.settle(&mut state, slot);
+        }
         true
     }
 
-    /// Makes room for a page that a page in use refers to, and counts the reference.
-    pub fn reference(&self, page: u32) -> Room {
+    /// Makes room for a page that a page in use refers to, and counts the reference; below page `parent`, `None` for a
+    /// root page.
+    pub fn reference(&self, page: u32, parent: Option<u32>) -> Room {
         let mut state = self.state.lock();
         if let Some(slot) = state.find(page) {
             state.slots[slot as usize].references += 1;
             self.settle(&mut state, slot);
             return Room::Resident;
         }
-        match state.list(Kind::Free).first {
+        let Some(parent) = state.slot_of_parent(parent) else { return Room::None };
+        match state.first_but(Kind::Free, parent) {
             NONE => {
                 state.counters.prefetch_given_up += 1;
                 Room::None
             }
             slot => {
-                let room = state.allocate(slot, page);
+                let room = self.allocate(&mut state, slot, page, parent);
                 state.slots[slot as usize].references = 1;
                 room
             }
@@ -465,8 +580,9 @@ impl Pool {
     }
 
     /// Makes room for a page that is wanted urgently, and holds it: in a free slot, else in the first found whose page
-    /// is prefetched but not in use, which is the one that has been so for the longest time.
-    pub fn make_room(&self, page: u32) -> Room {
+    /// is prefetched but not in use, which is the one that has been so for the longest time. Below page `parent`, `None`
+    /// for a root page.
+    pub fn make_room(&self, page: u32, parent: Option<u32>) -> Room {
         let mut state = self.state.lock();
         let frame = state.frame;
         if let Some(slot) = state.find(page) {
@@ -474,16 +590,18 @@ impl Pool {
             self.settle(&mut state, slot);
             return Room::Resident;
         }
-        if self.pages.len() - state.in_use < LEAST_FOR_URGENT {
+        if self.pages.len() - state.needed < LEAST_FOR_URGENT {
             return Room::None;
         }
-        let firsts = [Kind::Free, Kind::Prefetched].map(|kind| state.list(kind).first);
+        let Some(parent) = state.slot_of_parent(parent) else { return Room::None };
+        let firsts = [Kind::Free, Kind::Prefetched].map(|kind| state.first_but(kind, parent));
         let Some(slot) = firsts.into_iter().find(|slot| *slot != NONE) else {
             state.counters.starved += 1;
             return Room::None;
         };
-        let room = state.allocate(slot, page);
+        let room = self.allocate(&mut state, slot, page, parent);
         state.slots[slot as usize].held = Some(frame);
+        self.settle(&mut state, slot);
         state.counters.urgent += 1;
         room
     }
@@ -558,15 +676,52 @@ impl Pool {
             if entry.stage != Stage::Empty && state.table.get(&entry.page) != Some(&(slot as u32)) {
                 return Err(format!("slot {slot} with page {} is not in the hash table", entry.page));
             }
-            if entry.stage == Stage::Ready && self.page(slot as u32).number() != entry.page {
-                return Err(format!("slot {slot} holds another page than {}", entry.page));
+            if entry.stage == Stage::Ready {
+                let page = self.page(slot as u32);
+                if page.number() != entry.page {
+                    return Err(format!("slot {slot} holds another page than {}", entry.page));
+                }
+                let parent = state.slots.get(entry.parent as usize);
+                if page.parent() != parent.map(|parent| parent.page)
+                    || parent.is_some_and(|parent| parent.stage != Stage::Ready)
+                {
+                    return Err(format!("slot {slot}: its page is below {:?}, which is not above it", page.parent()));
+                }
             }
         }
+        self.check_ancestors(&state)?;
         if in_table != state.table.len() {
             return Err(format!("the hash table has {} entries for {in_table} pages", state.table.len()));
         }
-        if in_use != state.in_use || (in_use > 0 && in_use == self.pages.len()) {
-            return Err(format!("{in_use} of {} slots are in use, {} counted", self.pages.len(), state.in_use));
+        if in_use != state.in_use || (in_use > 0 && state.needed == self.pages.len()) {
+            let (slots, needed) = (self.pages.len(), state.needed);
+            return Err(format!("{in_use} of {slots} slots are in use, {} counted, {needed} needed", state.in_use));
+        }
+        Ok(())
+    }
+
+    /// Checks what slots know of those below them.
+    fn check_ancestors(&self, state: &State) -> Result<(), String> {
+        let mut children = vec![0; state.slots.len()];
+        let (mut needed, mut kept) = (vec![false; state.slots.len()], vec![false; state.slots.len()]);
+        for (slot, entry) in state.slots.iter().enumerate() {
+            if let Some(children) = children.get_mut(entry.parent as usize) {
+                *children += 1;
+            }
+            for above in std::iter::once(slot as u32).chain(state.above(slot as u32)) {
+                needed[above as usize] |= self.usage(slot as u32) > 0;
+                kept[above as usize] |= self.usage(slot as u32) > 0 || entry.held.is_some();
+            }
+        }
+        for (slot, entry) in state.slots.iter().enumerate() {
+            let found = (children[slot], needed[slot], kept[slot]);
+            if found != (entry.children, entry.is_needed, entry.is_kept) {
+                return Err(format!("slot {slot}: {entry:?}, with children, needed and kept: {found:?}"));
+            }
+        }
+        let count = |flags: &[bool]| flags.iter().filter(|flag| **flag).count();
+        if (count(&needed), count(&kept)) != (state.needed, state.kept) {
+            return Err(format!("{} slots are needed and {} kept, by the count", state.needed, state.kept));
         }
         Ok(())
     }
@@ -574,119 +729,260 @@ impl Pool {
 
 #[cfg(test)]
 mod tests {
-    use metanode::model::Model;
-    use metanode::page::PageLocation;
+    use metanode::chain::PageChain;
+    use metanode::header::Blocking;
+    use metanode::model::{Model, PageReader};
+    use proptest::prelude::*;
 
     use super::*;
-    use crate::testing;
+    use crate::testing::{self, Random};
+
+    /// A page, and the number of its parent.
+    type Place = (PageLocation, Option<u32>);
 
     /// Does what the I/O process does with the room it was given.
-    fn fill(pool: &Pool, model: &Model, location: PageLocation, room: Room) -> Option<u32> {
+    fn fill(pool: &Pool, model: &Model, (location, _): Place, room: Room) -> Option<u32> {
         let Room::Slot { slot, .. } = room else { return None };
-        model.read_page(location, &mut Vec::new(), &mut pool.page_to_fill(slot)).unwrap();
+        {
+            let above = pool.ancestors(slot);
+            let ancestors: Vec<&Page> = above.iter().map(|page| &**page).collect();
+            model.read_page(location, &ancestors, &mut PageReader::default(), &mut pool.page_to_fill(slot)).unwrap();
+        }
         pool.loaded(slot, Some(location.length));
         Some(slot)
+    }
+
+    fn prefetch(pool: &Pool, model: &Model, place: Place) -> Option<u32> {
+        fill(pool, model, place, pool.reference(place.0.number, place.1))
+    }
+
+    fn load_urgently(pool: &Pool, model: &Model, place: Place) -> Option<u32> {
+        fill(pool, model, place, pool.make_room(place.0.number, place.1))
     }
 
     fn pool(model: &Model, slots: usize, second_chance: bool) -> Pool {
         Pool::new((0..slots).map(|_| model.empty_page()).collect(), second_chance)
     }
 
-    fn pages() -> (std::sync::Arc<Model>, Vec<PageLocation>) {
+    /// A model with several levels of pages, and all of its pages, parents first.
+    fn all_pages() -> (std::sync::Arc<Model>, Vec<Place>) {
         let tree = testing::grid_tree(12, 12, 1);
-        let disk = testing::disk_of(&tree, metanode::header::Blocking::Levels { levels: 4 });
+        let disk = testing::disk_of(&tree, Blocking::Levels { levels: 4 });
         let model = std::sync::Arc::new(Model::open(&disk, "model.vdt".as_ref()).unwrap());
-        let mut page = model.empty_page();
-        model.read_page(model.root_pages()[0], &mut Vec::new(), &mut page).unwrap();
-        let locations = model.root_pages().iter().copied().chain(page.children()).collect();
-        (model, locations)
+        let mut chain = PageChain::new(&model);
+        let mut stack: Vec<Place> = model.root_pages().iter().map(|page| (*page, None)).collect();
+        let mut places = Vec::new();
+        while let Some((location, parent)) = stack.pop() {
+            places.push((location, parent));
+            stack.extend(chain.page(location, parent).unwrap().children().map(|child| (child, Some(location.number))));
+        }
+        drop(chain);
+        (model, places)
+    }
+
+    /// The root page of that model, and its children.
+    fn pages() -> (std::sync::Arc<Model>, Place, Vec<Place>) {
+        let (model, places) = all_pages();
+        let children = places.iter().copied().filter(|(_, parent)| *parent == Some(places[0].0.number)).collect();
+        (model, places[0], children)
     }
 
     #[test]
     fn a_flushed_page_gets_a_second_chance_until_its_slot_is_needed() {
-        let (model, pages) = pages();
+        let (model, root, pages) = pages();
         for second_chance in [true, false] {
-            let pool = pool(&model, 3, second_chance);
+            let pool = pool(&model, 4, second_chance);
+            prefetch(&pool, &model, root).unwrap();
             for page in &pages[..3] {
-                fill(&pool, &model, *page, pool.reference(page.number)).unwrap();
+                prefetch(&pool, &model, *page).unwrap();
             }
-            assert_eq!(pool.reference(pages[3].number), Room::None);
+            assert_eq!(prefetch(&pool, &model, pages[3]), None);
             assert_eq!(pool.counters().prefetch_given_up, 1);
             // Flushed in this order: 1, 0. So 1 makes room first, and 0 is still there.
-            pool.dereference(pages[1].number);
-            pool.dereference(pages[0].number);
+            pool.dereference(pages[1].0.number);
+            pool.dereference(pages[0].0.number);
             pool.check().unwrap();
-            fill(&pool, &model, pages[3], pool.reference(pages[3].number)).unwrap();
+            prefetch(&pool, &model, pages[3]).unwrap();
             pool.check().unwrap();
-            let again = pool.reference(pages[0].number);
+            let again = pool.reference(pages[0].0.number, pages[0].1);
             assert_eq!(again == Room::Resident, second_chance);
             assert_eq!(pool.counters().second_chances, u64::from(second_chance));
-            assert_eq!(pool.counters().reads, 4);
+            assert_eq!(pool.counters().reads, 5);
             if second_chance {
                 pool.check().unwrap();
-                assert_eq!(pool.reference(pages[1].number), Room::None);
+                assert_eq!(pool.reference(pages[1].0.number, pages[1].1), Room::None);
             }
         }
     }
 
     #[test]
     fn the_pool_is_never_all_in_use() {
-        let (model, pages) = pages();
-        let pool = pool(&model, 4, true);
-        let slot_of = |page: &PageLocation| match pool.use_page(page.number) {
+        let (model, root, pages) = pages();
+        let pool = pool(&model, 5, true);
+        let use_page = |page: &Place| pool.use_page(page.0.number, &[]);
+        let slot_of = |page: &Place| match use_page(page) {
             Use::Granted { slot } => slot,
             other => panic!("{other:?}"),
         };
+        prefetch(&pool, &model, root).unwrap();
         for page in &pages[..4] {
-            fill(&pool, &model, *page, pool.reference(page.number)).unwrap();
+            prefetch(&pool, &model, *page).unwrap();
         }
-        // Urgently, while three are not in use: in the place of the first that is only prefetched.
+        // Urgently, while three are not needed: in the place of the first that is only prefetched.
         let first = slot_of(&pages[0]);
-        fill(&pool, &model, pages[4], pool.make_room(pages[4].number)).unwrap();
-        assert_eq!(pool.use_page(pages[1].number), Use::Missing);
+        assert_eq!((pool.in_use(), pool.needed()), (1, 2));
+        load_urgently(&pool, &model, pages[4]).unwrap();
+        assert_eq!(use_page(&pages[1]), Use::Missing);
         assert_eq!(pool.counters().urgent, 1);
         pool.check().unwrap();
         let second = slot_of(&pages[4]);
-        assert_eq!(pool.make_room(pages[1].number), Room::None);
-        assert_eq!(pool.use_page(pages[1].number), Use::Refused);
-        // A page that is there, while two are not in use.
+        assert_eq!(load_urgently(&pool, &model, pages[1]), None);
+        assert_eq!(use_page(&pages[1]), Use::Refused);
+        // A page that is there, while two are not needed.
         let third = slot_of(&pages[2]);
-        assert_eq!(pool.use_page(pages[3].number), Use::Refused);
-        assert_eq!(pool.in_use(), 3);
-        // One that is in use already always goes.
+        assert_eq!(use_page(&pages[3]), Use::Refused);
+        assert_eq!((pool.in_use(), pool.needed()), (3, 4));
+        // One that is in use already always goes, and one that is above those in use.
         pool.use_again(third);
         assert_eq!(slot_of(&pages[2]), third);
+        let top = slot_of(&root);
         pool.check().unwrap();
+        assert!(pool.stop_using(top, Hold::End));
         assert!(
             !pool.stop_using(third, Hold::End)
                 && !pool.stop_using(third, Hold::End)
                 && pool.stop_using(third, Hold::End)
         );
         assert!(pool.stop_using(first, Hold::End) && pool.stop_using(second, Hold::End));
-        assert_eq!(pool.in_use(), 0);
-        // Three are prefetched, one is free.
-        assert_eq!(pool.make_room(pages[1].number), Room::Slot { slot: second, refers: false });
+        assert_eq!((pool.in_use(), pool.needed()), (0, 0));
+        // Three are prefetched, one is free, one is above them.
+        let room = pool.make_room(pages[1].0.number, pages[1].1);
+        assert_eq!(room, Room::Slot { slot: second, refers: false });
         pool.loaded(second, None);
         // A page that nobody comes to use is let go after a while.
-        let held = fill(&pool, &model, pages[4], pool.make_room(pages[4].number)).unwrap();
+        let held = load_urgently(&pool, &model, pages[4]).unwrap();
         for _ in 0..HOLD_FRAMES {
             pool.begin_frame();
-            assert_eq!(pool.reference(pages[1].number), Room::None);
+            assert_eq!(pool.reference(pages[1].0.number, pages[1].1), Room::None);
         }
         pool.begin_frame();
         pool.check().unwrap();
-        assert_eq!(pool.reference(pages[1].number), Room::Slot { slot: held, refers: false });
+        assert_eq!(pool.reference(pages[1].0.number, pages[1].1), Room::Slot { slot: held, refers: false });
     }
 
     #[test]
     fn a_page_that_cannot_be_read_leaves_its_slot_free() {
-        let (model, pages) = pages();
-        let pool = pool(&model, 1, true);
-        let Room::Slot { slot, .. } = pool.reference(pages[0].number) else { panic!("there is room") };
+        let (model, root, pages) = pages();
+        let pool = pool(&model, 2, true);
+        prefetch(&pool, &model, root).unwrap();
+        let Room::Slot { slot, .. } = pool.reference(pages[0].0.number, pages[0].1) else { panic!("there is room") };
         pool.loaded(slot, None);
         pool.check().unwrap();
-        assert_eq!(pool.counters().reads, 0);
-        assert!(fill(&pool, &model, pages[1], pool.reference(pages[1].number)).is_some());
+        assert_eq!(pool.counters().reads, 1);
+        assert!(prefetch(&pool, &model, pages[1]).is_some());
         pool.check().unwrap();
+    }
+
+    #[test]
+    fn ancestors_come_first_and_go_last() {
+        let (model, places) = all_pages();
+        let below = |parent: &Place| *places.iter().find(|(_, above)| *above == Some(parent.0.number)).unwrap();
+        let top = places[0];
+        let middle = places.iter().copied().find(|place| {
+            place.1 == Some(top.0.number) && places.iter().any(|(_, above)| *above == Some(place.0.number))
+        });
+        let middle = middle.unwrap();
+        let bottom = below(&middle);
+        for second_chance in [true, false] {
+            let pool = pool(&model, 5, second_chance);
+            // Not without its parent.
+            assert_eq!(load_urgently(&pool, &model, bottom), None);
+            assert_eq!(prefetch(&pool, &model, middle), None);
+            let slots = [top, middle, bottom].map(|place| load_urgently(&pool, &model, place).unwrap());
+            assert_eq!(
+                pool.ancestors(slots[2]).iter().map(|page| page.number()).collect::<Vec<_>>(),
+                [top.0.number, middle.0.number]
+            );
+            // The root of a tree that begins at the bottom needs all three, so that one of five would be left for more.
+            assert_eq!(pool.use_page(bottom.0.number, &[top.0, middle.0]), Use::Granted { slot: slots[2] });
+            assert_eq!((pool.in_use(), pool.needed()), (1, 3));
+            let mut others = places.iter().filter(|(_, above)| *above == Some(top.0.number));
+            let other = others.find(|place| place.0 != middle.0).unwrap();
+            assert_eq!(pool.use_page(other.0.number, &[]), Use::Refused);
+            assert!(pool.stop_using(slots[2], Hold::End));
+            pool.end_all_holds();
+            pool.check().unwrap();
+            let kinds = |pool: &Pool| slots.map(|slot| pool.state.lock().slots[slot as usize].kind);
+            if !second_chance {
+                // With the last page below it, each goes.
+                assert!(pool.state.lock().table.is_empty());
+                continue;
+            }
+            assert_eq!(kinds(&pool), [Kind::Above, Kind::Above, Kind::Free]);
+            // Two slots are empty; then the page at the bottom makes room, then the one above it.
+            let siblings = places.iter().copied().filter(|(_, above)| *above == Some(top.0.number));
+            for (number, sibling) in siblings.filter(|place| place.0 != middle.0).take(4).enumerate() {
+                let slot = prefetch(&pool, &model, sibling).unwrap();
+                assert_eq!([slots[2], slots[1]].iter().position(|other| *other == slot), number.checked_sub(2));
+                pool.check().unwrap();
+            }
+            assert_eq!(kinds(&pool)[0], Kind::Above);
+            // None is left but that of the parent itself.
+            assert_eq!(prefetch(&pool, &model, middle), None);
+        }
+    }
+
+    /// The root of a tree asks for more: the pages of the way to it that nobody needs.
+    #[test]
+    fn a_way_that_is_not_needed_counts() {
+        let (model, places) = all_pages();
+        let top = places[0];
+        let middle = places.iter().copied().find(|(_, above)| *above == Some(top.0.number)).unwrap();
+        let asked = |slots: usize| pool(&model, slots, true).use_page(places[2].0.number, &[top.0, middle.0]);
+        assert_eq!((asked(4), asked(5)), (Use::Refused, Use::Missing));
+        let pool = pool(&model, 3, true);
+        let slots = [top, middle].map(|place| load_urgently(&pool, &model, place).unwrap());
+        // Its own page and the one above: one of three is left.
+        assert_eq!(pool.use_page(middle.0.number, &[top.0]), Use::Granted { slot: slots[1] });
+        pool.check().unwrap();
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
+
+        /// Whatever happens, in any order: what slots know of each other is what the slow check finds.
+        #[test]
+        fn the_counts_are_right_after_anything(seed in any::<u64>(), slots in 3..24_usize, second_chance in any::<bool>()) {
+            let (model, places) = all_pages();
+            let pool = pool(&model, slots, second_chance);
+            let mut random = Random(seed);
+            let mut used: Vec<u32> = Vec::new();
+            for _ in 0..300 {
+                let place = places[random.below(places.len().min(3 * slots))];
+                let (number, parent) = (place.0.number, place.1);
+                match random.below(9) {
+                    0 => pool.begin_frame(),
+                    1 => pool.dereference(number),
+                    2 | 3 => drop(prefetch(&pool, &model, place)),
+                    4 | 5 => drop(load_urgently(&pool, &model, place)),
+                    6 => {
+                        if let Room::Slot { slot, .. } = pool.make_room(number, parent) {
+                            pool.loaded(slot, None);
+                        }
+                    }
+                    7 => {
+                        if let Use::Granted { slot } = pool.use_page(number, &[]) {
+                            used.push(slot);
+                        }
+                    }
+                    _ if used.is_empty() => (),
+                    _ => {
+                        let slot = used.swap_remove(random.below(used.len()));
+                        pool.stop_using(slot, [Hold::End, Hold::Keep, Hold::Renew][random.below(3)]);
+                    }
+                }
+                prop_assert!(pool.check().is_ok(), "{:?}", pool.check());
+            }
+        }
     }
 }

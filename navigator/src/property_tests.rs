@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
+use metanode::chain::PageChain;
 use metanode::header::Blocking;
 use metanode::model::Model;
 use metanode::page::PageLocation;
@@ -12,7 +13,7 @@ use proptest::prelude::*;
 use storage::{Disk, FaultyDisk, MemoryDisk};
 use vdt::tree::{NO_SPLIT, Tree};
 
-use crate::check::check;
+use crate::check::{check, check_cut};
 use crate::testing::{self, Mesh, Random, SMALL_PAGES};
 use crate::view::{Sphere, View};
 use crate::{Camera, Dependency, FrameStatistics, Io, Navigator, NavigatorError, NavigatorOptions};
@@ -79,7 +80,17 @@ fn starts(navigator: &Navigator) -> Vec<u32> {
     starts
 }
 
-/// The same for the cut in which exactly the nodes are split whose error is above the threshold and whose ancestors'
+/// Every active node but the roots begins at a leaf that an applied split bears; and their meta-nodes are those in use.
+fn assert_are_applied_splits(navigator: &Navigator, tree: &Tree, pages_in_use: u64) {
+    let mut leaves: Vec<_> = navigator.applied_splits().map(|split| split.born_leaf).collect();
+    leaves.extend(tree.roots.iter().map(|root| root.start));
+    leaves.sort_unstable();
+    assert_eq!(leaves, starts(navigator));
+    let pages: HashSet<_> = navigator.applied_splits().map(|split| split.page).collect();
+    assert_eq!(pages.len() as u64, pages_in_use);
+}
+
+/// The first leaves of active nodes, as `starts`, for the cut in which exactly the nodes are split whose error is above the threshold and whose ancestors'
 /// are.
 fn cut_by_criterion(tree: &Tree, view: &View, pixels: f32) -> Vec<u32> {
     let mut starts = Vec::new();
@@ -110,7 +121,17 @@ fn meshes() -> impl Strategy<Value = Mesh> {
         (0..4_u32).prop_map(Mesh::sphere),
         (2..10_u32, 2..10_u32, any::<u64>()).prop_map(|(w, h, seed)| Mesh::grid(w, h, seed).tangled(seed)),
     ];
-    prop_oneof![2 => one.clone(), 1 => prop::collection::vec(one, 1..6).prop_map(Mesh::beside)]
+    prop_oneof![
+        2 => one.clone(),
+        1 => prop::collection::vec(one, 1..6).prop_map(Mesh::beside),
+        1 => (20..90_usize, any::<u64>()).prop_map(|(parts, seed)| many_parts(parts, seed)),
+    ]
+}
+
+/// So many small parts, more than the first page has room for: most trees begin further down.
+fn many_parts(parts: usize, seed: u64) -> Mesh {
+    let mut random = Random(seed);
+    Mesh::beside((0..parts).map(|_| Mesh::grid(1 + random.below(4) as u32, 1 + random.below(4) as u32, seed)).collect())
 }
 
 fn trees() -> impl Strategy<Value = Tree> {
@@ -176,6 +197,7 @@ proptest! {
             let statistics = navigator.frame(camera).unwrap();
             check(&navigator).unwrap();
             assert_is_mesh_of_cut(&navigator, &tree);
+            assert_are_applied_splits(&navigator, &tree, statistics.pages_in_use);
             prop_assert_eq!(statistics.frame, number as u64);
             prop_assert_eq!(statistics.triangles, navigator.triangle_count() as u64);
             prop_assert_eq!(statistics.requests, statistics.splits + statistics.collapses + statistics.misses);
@@ -208,11 +230,12 @@ proptest! {
         let options = NavigatorOptions { pixels, io, dependency: Dependency::None, ..options() };
         let path = path(&model, &cameras);
         let view = |camera: &Camera| View::new(camera, model.header(), options.width, options.height).unwrap();
+        let judged = testing::as_written(&tree, &model);
 
         let mut fresh = Navigator::open(model.clone(), options.clone()).unwrap();
         let statistics = fresh.run_until_settled(&path[0], 10_000).unwrap();
         prop_assert!(fresh.settled());
-        prop_assert_eq!(starts(&fresh), cut_by_criterion(&tree, &view(&path[0]), pixels));
+        prop_assert_eq!(starts(&fresh), cut_by_criterion(&judged, &view(&path[0]), pixels));
         prop_assert_eq!(statistics.threshold_factor, 1.0);
 
         // After a flight, between the cuts of the two thresholds of the hysteresis.
@@ -223,9 +246,9 @@ proptest! {
         fresh.run_until_settled(last, 10_000).unwrap();
         prop_assert!(fresh.settled());
         let found: HashSet<u32> = starts(&fresh).into_iter().collect();
-        let finer: HashSet<u32> = cut_by_criterion(&tree, &view(last), pixels / 1.05).into_iter().collect();
+        let finer: HashSet<u32> = cut_by_criterion(&judged, &view(last), pixels / 1.05).into_iter().collect();
         prop_assert!(found.is_subset(&finer));
-        prop_assert!(cut_by_criterion(&tree, &view(last), pixels).iter().all(|start| found.contains(start)));
+        prop_assert!(cut_by_criterion(&judged, &view(last), pixels).iter().all(|start| found.contains(start)));
     }
 
     /// Dependencies delay nothing for ever: what is to be split is split, with all that has to be split for it.
@@ -241,13 +264,14 @@ proptest! {
         let model = open(&disk);
         let options = NavigatorOptions { pixels, io, ..options() };
         let mut navigator = Navigator::open(model.clone(), options.clone()).unwrap();
+        let judged = testing::as_written(&tree, &model);
         for camera in path(&model, &cameras) {
             navigator.run_until_settled(&camera, 10_000).unwrap();
             prop_assert!(navigator.settled());
             check(&navigator).unwrap();
             let view = View::new(&camera, model.header(), options.width, options.height).unwrap();
             let found: HashSet<u32> = starts(&navigator).into_iter().collect();
-            prop_assert!(cut_by_criterion(&tree, &view, pixels).iter().all(|start| found.contains(start)));
+            prop_assert!(cut_by_criterion(&judged, &view, pixels).iter().all(|start| found.contains(start)));
         }
     }
 
@@ -271,19 +295,19 @@ proptest! {
                 let message = error.to_string();
                 prop_assert!(message.starts_with("model.vdt: meta-node"), "{}", message);
             }
-            check(&navigator).unwrap();
+            check_cut(&navigator).unwrap();
         }
     }
 }
 
 /// Where all pages of a model lie.
 fn all_pages(model: &Model) -> Vec<PageLocation> {
-    let mut locations = model.root_pages().to_vec();
-    let (mut staging, mut page, mut next) = (Vec::new(), model.empty_page(), 0);
-    while next < locations.len() {
-        model.read_page(locations[next], &mut staging, &mut page).unwrap();
-        locations.extend(page.children());
-        next += 1;
+    let mut chain = PageChain::new(model);
+    let mut stack: Vec<_> = model.root_pages().iter().map(|page| (*page, None)).collect();
+    let mut locations = Vec::new();
+    while let Some((location, parent)) = stack.pop() {
+        locations.push(location);
+        stack.extend(chain.page(location, parent).unwrap().children().map(|child| (child, Some(location.number))));
     }
     locations
 }
@@ -432,6 +456,39 @@ fn disk_errors_are_told_and_survived() {
 }
 
 /// A camera in the middle of the surface, and a far one, in turns, in next to no memory.
+/// The page of a tree that begins further down can only come after those above it, of which no split may be applied.
+#[test]
+fn trees_that_begin_further_down_are_reached() {
+    let tree = many_parts(300, 4).into_tree(4, 1);
+    let disk = testing::disk_of(&tree, Blocking::Forest { slot_bytes: 4096, fan_out: 2 });
+    let model = open(&disk);
+    let levels = |page: u32| model.way_to(page).len();
+    let deepest = model.roots().iter().max_by_key(|root| levels(root.page.number)).unwrap();
+    assert!(levels(deepest.page.number) >= 3, "{}", levels(deepest.page.number));
+    // A camera that sees nothing but that tree.
+    let leaf = Vec3::from_array(deepest.position).as_dvec3() + DVec3::from_array(tree.origin);
+    let close = Camera::looking_at(leaf + DVec3::new(0.3, 0.2, 0.5), leaf + DVec3::new(0.3, 0.2, 0.0), 60.0);
+    let far = camera(&model, [3.0, 2.0, 1.0], [0.0; 3]);
+    for (io, prefetch, second_chance) in
+        [Io::Sync, Io::Thread].into_iter().flat_map(|io| [(io, true, true), (io, false, true), (io, true, false)])
+    {
+        let memory = smallest_memory(&model);
+        let options = NavigatorOptions { memory, io, prefetch, second_chance, pixels: 0.5, ..options() };
+        let mut navigator = Navigator::open(model.clone(), options).unwrap();
+        for camera in [close, far, close] {
+            navigator.run_until_settled(&camera, 2000).unwrap();
+            assert!(navigator.settled());
+            check(&navigator).unwrap();
+            assert_is_mesh_of_cut(&navigator, &tree);
+            if camera == close {
+                let is_in_tree = |node: &crate::ActiveNode| (deepest.start..deepest.end).contains(&node.leaf);
+                let active = navigator.active_nodes().filter(is_in_tree).count();
+                assert_eq!(active as u32, deepest.end - deepest.start);
+            }
+        }
+    }
+}
+
 #[test]
 fn the_smallest_memory_works() {
     let tree = Mesh::beside(vec![Mesh::sphere(4), Mesh::grid(30, 30, 1), Mesh::sphere(3)]).into_tree(2, 10);

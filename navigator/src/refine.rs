@@ -2,7 +2,7 @@
 //! paper, 3.3.5), to a fixpoint.
 //!
 //! The nodes to be split form a stack: on top of a node the neighbour that blocks it, or a child that has to follow its
-//! parent's split at once. Ids rise along a chain of blocking neighbours, so it ends.
+//! parent's split at once. Ids rise strictly along a chain of blocking neighbours, so it ends.
 //!
 //! Nobody but the node at the bottom wished those splits. So if that one cannot be split in the end, the next frame
 //! would undo them all, the one after it begin again, and the picture would never come to rest. Hence:
@@ -14,7 +14,7 @@
 //!   held.
 
 use crate::dependency::{self, Dependency};
-use crate::front::{Front, Misfit};
+use crate::front::Front;
 use crate::navigator::NavigatorError;
 use crate::paging::Paging;
 use crate::pool::{Hold, Use};
@@ -196,16 +196,16 @@ impl Refiner<'_> {
             }
         };
         let refused = if implicit && let Some(other) = dependency::blocking_node(self.front, self.paging, &prepared) {
-            Some(self.after(node, other))
+            Some(Step::After(other))
         } else {
             let born = self.front.thirds().len();
             let fits = self.front.has_room(born) && self.front.triangle_count() + born <= self.triangle_limit;
-            (!fits).then_some(Ok(Step::Impossible(Outcome::FrontFull)))
+            (!fits).then_some(Step::Impossible(Outcome::FrontFull))
         };
         if let Some(refused) = refused {
             drop(page);
             self.paging.cancel_use(slot);
-            return refused;
+            return Ok(refused);
         }
         self.front.split(&prepared, &page, slot);
         drop(page);
@@ -239,15 +239,5 @@ impl Refiner<'_> {
             done.splits -= 1;
             done.forced -= u64::from(node != wish);
         }
-    }
-
-    /// The step of a node that another one blocks; an error where that other one can never give way.
-    fn after(&self, node: u32, blocking: u32) -> Result<Step, NavigatorError> {
-        if self.front.id(node) != self.front.id(blocking) {
-            return Ok(Step::After(blocking));
-        }
-        let problem = format!("two neighbours have the same id, {}", self.front.id(node));
-        let source = Misfit { record: self.front.record(node), problem };
-        Err(self.paging.misfit(self.front.page_or_slot(node), source))
     }
 }

@@ -1,15 +1,20 @@
 //! Small trees for the tests: meshes, collapsed in a random order or roughly the shortest edge first, without any test
 //! for legality. Every such sequence gives a valid tree.
 
+use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
 use glam::Vec3;
-use metanode::header::{Blocking, ErrorBound, Metric, Strategy};
+use metanode::chain::PageChain;
+use metanode::header::{Blocking, ErrorBound, Metric, Positions, Strategy};
 use metanode::model::Model;
+use metanode::page::{Page, PageLocation, Target};
 use metanode::write::{ModelOptions, WriteResources, write_model};
 use storage::{Disk, MemoryDisk};
-use vdt::tree::{BornTriangles, NO_SPLIT, NormalCone, Root, Split, StoredTree, Tree};
+use vdt::tree::{
+    BornTriangles, NO_SPLIT, Normal, NormalCone, Root, Split, StoredTree, Tree, enclosing_radius, id_after, switch_of,
+};
 
 /// A small generator of random numbers (SplitMix64).
 #[derive(Debug, Clone)]
@@ -69,7 +74,7 @@ impl Mesh {
         mesh.triangles.extend([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2]]);
         mesh.triangles.extend([[1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]);
         for _ in 0..levels {
-            let mut middles = std::collections::HashMap::new();
+            let mut middles = HashMap::new();
             let mut finer = Vec::new();
             for corners in std::mem::take(&mut mesh.triangles) {
                 let middle = [0, 1, 2].map(|side| {
@@ -126,7 +131,7 @@ struct Node {
     position: Vec3,
     /// Kept and born child.
     children: Option<[usize; 2]>,
-    switch: f32,
+    id: u32,
     radius: f32,
     axis: Vec3,
     angle: f32,
@@ -165,7 +170,7 @@ impl Collapser {
             .map(|leaf| Node {
                 position: mesh.positions[leaf],
                 children: None,
-                switch: 0.0,
+                id: 0,
                 radius: 0.0,
                 axis: Vec3::ZERO,
                 angle: 0.0,
@@ -244,10 +249,8 @@ impl Collapser {
 
     fn collapse(&mut self, kept: usize, born: usize, length: f32) {
         let parent = self.nodes.len();
-        let mut switch = length.max(1e-6);
-        for near in [self.ring(kept), self.ring(born), vec![kept, born]].concat() {
-            switch = switch.max(self.nodes[near].switch);
-        }
+        let around = [self.ring(kept), self.ring(born), vec![kept, born]].concat();
+        let latest = around.into_iter().map(|near| self.nodes[near].id).max().unwrap_or(0);
         let [k, b] = [&self.nodes[kept], &self.nodes[born]];
         let axis = (k.axis + b.axis).normalize_or_zero();
         let angle = [k, b].map(|child| axis.angle_between(child.axis) + child.angle);
@@ -259,8 +262,8 @@ impl Collapser {
         let mut node = Node {
             position: k.position,
             children: Some([kept, born]),
-            switch,
-            radius: k.radius.max(k.position.distance(b.position) + b.radius) * 1.0001,
+            id: id_after(length, latest),
+            radius: enclosing_radius(k.position.to_array(), k.radius, b.position.to_array(), b.radius),
             axis,
             angle,
             born: Vec::new(),
@@ -292,12 +295,6 @@ impl Collapser {
 
     fn finish(mut self) -> Tree {
         let count = self.nodes.len();
-        // Ids: the leaves get theirs below, with their numbers.
-        let mut order: Vec<usize> = (self.leaves..count).collect();
-        order.sort_by(|a, b| self.nodes[*a].switch.total_cmp(&self.nodes[*b].switch).then(a.cmp(b)));
-        let mut ids = vec![0; count];
-        order.iter().enumerate().for_each(|(rank, node)| ids[*node] = (self.leaves + rank) as u32);
-
         let mut tree = Tree { origin: self.origin, ..Tree::default() };
         tree.splits = vec![Split::VACANT; self.leaves];
         let mut intervals = vec![(0, 0); count];
@@ -319,14 +316,15 @@ impl Collapser {
                             None => NO_SPLIT,
                             Some([_, born]) => intervals[born].0,
                         };
-                        let Node { switch, radius, axis, angle, .. } = self.nodes[node];
+                        let Node { id, radius, axis, angle, .. } = self.nodes[node];
                         tree.splits[intervals[born].0 as usize] = Split {
                             kept: split(kept),
                             born: split(born),
-                            id: ids[node],
-                            switch,
+                            id,
+                            switch: switch_of(id, tree.exponent),
                             radius,
                             cone: cone(axis, angle),
+                            normal: Normal::UP,
                         };
                     }
                     Some([kept, born]) => stack.extend([(node, true), (born, false), (kept, false)]),
@@ -334,7 +332,7 @@ impl Collapser {
             }
             let Some([_, born]) = self.nodes[*root].children else { panic!("a vertex without triangles") };
             let (start, end) = intervals[*root];
-            tree.roots.push(Root { start, end, split: intervals[born].0 });
+            tree.roots.push(Root { start, end, split: intervals[born].0, normal: Normal::UP, is_inward: false });
         }
         let mut born = vec![Vec::new(); self.leaves];
         for node in self.nodes.iter().filter(|node| !node.born.is_empty()) {
@@ -392,7 +390,8 @@ pub const SMALL_PAGES: Blocking = Blocking::Forest { slot_bytes: 4096, fan_out: 
 pub fn disk_of(tree: &Tree, blocking: Blocking) -> MemoryDisk {
     let disk = MemoryDisk::new();
     let (metric, strategy, error_bound) = (Metric::Length, Strategy::Btree, ErrorBound::Fast);
-    let options = ModelOptions { blocking, metric, strategy, error_bound, input_error: 0.0 };
+    let positions = Positions::Lossless;
+    let options = ModelOptions { blocking, metric, strategy, error_bound, input_error: 0.0, positions };
     let shared: Arc<dyn Disk> = Arc::new(disk.clone());
     let (tree, resources) = (StoredTree::from_tree(tree.clone()), WriteResources::in_memory());
     write_model(shared, Path::new("model.vdt"), &tree, &options, &resources, &mut |_| ()).unwrap();
@@ -402,6 +401,35 @@ pub fn disk_of(tree: &Tree, blocking: Blocking) -> MemoryDisk {
 /// The model of a tree, with small pages.
 pub fn model_of(tree: &Tree) -> Arc<Model> {
     Arc::new(Model::open(&disk_of(tree, SMALL_PAGES), Path::new("model.vdt")).unwrap())
+}
+
+/// The tree with the spheres and cones that its model has: not the same, but no smaller.
+pub fn as_written(tree: &Tree, model: &Model) -> Tree {
+    let mut chain = PageChain::new(model);
+    let mut pages: HashMap<u32, Page> = HashMap::new();
+    let mut stack: Vec<(PageLocation, Option<u32>)> = model.root_pages().iter().map(|page| (*page, None)).collect();
+    while let Some((location, parent)) = stack.pop() {
+        let page = chain.page(location, parent).unwrap().clone();
+        stack.extend(page.children().map(|child| (child, Some(location.number))));
+        pages.insert(location.number, page);
+    }
+    let mut written = tree.clone();
+    for page in pages.values() {
+        for record in (0..page.counts().records).map(|index| page.record(index as u16).unwrap()) {
+            for entry in [record.kept, record.born].into_iter().flatten() {
+                let below = match entry.target {
+                    Target::SamePage { record } => page.record(record),
+                    Target::ChildPage { child, record } => {
+                        pages[&page.child_location(child.into()).number].record(record)
+                    }
+                };
+                let split = &mut written.splits[below.unwrap().born_leaf as usize];
+                assert!(entry.radius >= split.radius && (entry.id, entry.switch) == (split.id, split.switch));
+                (split.radius, split.cone) = (entry.radius, entry.cone);
+            }
+        }
+    }
+    written
 }
 
 #[test]

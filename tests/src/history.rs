@@ -12,7 +12,7 @@ const PLENTY: ByteSize = ByteSize(1 << 34);
 /// Everything that happened to a mesh until one root per component was left.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct History {
-    /// The collapses in the order in which they were decided.
+    /// The collapses in the order in which they were decided: that of the log, as all is in memory.
     pub collapses: Vec<LoggedCollapse>,
     /// For each canonical triangle the collapse, as an index, at which two of its corners became one.
     pub death: Vec<u32>,
@@ -38,7 +38,6 @@ pub fn history(mesh: &CoreMesh, metric: Metric, strategy: Strategy) -> History {
     while let Some(collapse) = reader.next().unwrap() {
         collapses.push(collapse);
     }
-    collapses.sort_by_key(LoggedCollapse::build_order);
     let mut by_born = vec![u32::MAX; mesh.positions.len()];
     for (index, collapse) in (0..).zip(&collapses) {
         by_born[collapse.born as usize] = index;

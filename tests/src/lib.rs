@@ -11,6 +11,7 @@
 //! | [`cut`] | the mesh of a cut by the rule: three corners with three distinct active ancestors |
 //! | [`distance`] | how far points are from triangles |
 //! | [`mesh_files`] | meshes as files of every format, and a PLY reader |
+//! | [`reference_decoder`] | a decoder of model files, from the format's document alone |
 //! | [`program`] | the program, run in a folder of its own |
 //! | [`memory`] | what the operating system says of a process's memory, and memory cgroups |
 
@@ -25,4 +26,5 @@ pub mod plain_tree;
 pub mod program;
 pub mod random_log;
 pub mod random_mesh;
+pub mod reference_decoder;
 pub mod replay;

@@ -3,8 +3,9 @@
 
 use std::collections::BTreeMap;
 
-use vdt::simplify::log::LoggedCollapse;
-use vdt::tree::{BornTriangles, NO_SPLIT, NormalCone, Root, Split, Tree};
+use vdt::ingest::CoreMesh;
+use vdt::simplify::log::{LoggedCollapse, LoggedRoot};
+use vdt::tree::{BornTriangles, NO_SPLIT, NormalCone, Root, Split, Tree, switch_of};
 
 #[derive(Debug, Clone)]
 struct Node {
@@ -17,15 +18,11 @@ struct Node {
     end: u32,
 }
 
-/// The tree of a mesh, from its collapses in build order, of which only vertices, switch values, radii and cones are
-/// looked at. `outward` says for the canonical vertex of a root which way is out.
-pub fn plain_tree(
-    positions: &[[f32; 3]],
-    triangles: &[[u32; 3]],
-    collapses: &[LoggedCollapse],
-    outward: &BTreeMap<u32, i8>,
-    origin: [f64; 3],
-) -> Tree {
+/// The tree of a mesh, from its collapses in build order, of which only vertices, ids, radii, cones and
+/// normals are looked at. Of `logged_roots`, which way is out, and normals.
+pub fn plain_tree(mesh: &CoreMesh, collapses: &[LoggedCollapse], logged_roots: &[LoggedRoot]) -> Tree {
+    let CoreMesh { positions, triangles, origin, exponent, lattice_step, .. } = mesh;
+    let logged: BTreeMap<u32, &LoggedRoot> = logged_roots.iter().map(|root| (root.vertex, root)).collect();
     let leaf_count = positions.len();
     let leaf = |vertex| Node { vertex, parent: None, inner: None, start: 0, end: 0 };
     let mut nodes: Vec<Node> = (0..leaf_count as u32).map(leaf).collect();
@@ -61,8 +58,6 @@ pub fn plain_tree(
     let split_of = |node: usize| nodes[node].inner.map_or(NO_SPLIT, |[_, born, _]| nodes[born].start);
 
     let inner = || nodes.iter().filter_map(|node| node.inner.map(|inner| (node, inner)));
-    let mut by_switch: Vec<usize> = inner().map(|(_, [_, _, index])| index).collect();
-    by_switch.sort_by(|a, b| collapses[*a].switch.total_cmp(&collapses[*b].switch).then(a.cmp(b)));
     let mut splits = vec![Split::VACANT; leaf_count];
     for (node, [kept, born, index]) in inner() {
         let root =
@@ -71,14 +66,15 @@ pub fn plain_tree(
         splits[nodes[born].start as usize] = Split {
             kept: split_of(kept),
             born: split_of(born),
-            id: (leaf_count + by_switch.iter().position(|other| *other == index).unwrap()) as u32,
-            switch: collapses[index].switch,
+            id: collapses[index].id,
+            switch: switch_of(collapses[index].id, *exponent),
             radius: collapses[index].radius,
-            cone: match outward[&nodes[*root].vertex] {
+            cone: match logged[&nodes[*root].vertex].outward {
                 1 => cone,
                 -1 => NormalCone { axis: cone.axis.map(|component| -component), sine: cone.sine },
                 _ => NormalCone::EVERYTHING,
             },
+            normal: collapses[index].normal,
         };
     }
 
@@ -107,7 +103,12 @@ pub fn plain_tree(
     }
     let roots = roots
         .iter()
-        .map(|root| Root { start: nodes[*root].start, end: nodes[*root].end, split: split_of(*root) })
+        .map(|root| {
+            let Node { vertex, start, end, .. } = nodes[*root];
+            let LoggedRoot { normal, outward, .. } = *logged[&vertex];
+            Root { start, end, split: split_of(*root), normal, is_inward: outward == -1 }
+        })
         .collect();
-    Tree { positions: ordered, splits, roots, triangles: born_triangles, origin }
+    let (triangles, origin, exponent, lattice_step) = (born_triangles, *origin, *exponent, *lattice_step);
+    Tree { positions: ordered, splits, roots, triangles, origin, exponent, lattice_step }
 }

@@ -1,13 +1,13 @@
 //! Logs of simplifications that no engine made: any two vertices of a component collapse, in any order. Their trees are
-//! deep or flat, many collapses have the same switch value, round and key, and the log is in any order in which children
-//! come before their parents.
+//! deep or flat, many collapses have the same switch value, and the log is in any order in which children come before their
+//! parents.
 
 use std::collections::BTreeMap;
 
 use storage::{Scatter, Scratch, Spool};
 use vdt::ingest::{CoreMesh, FileCounts, MeshBlock, StoredMesh};
 use vdt::simplify::log::{LoggedCollapse, LoggedRoot, Simplified};
-use vdt::tree::{NormalCone, enclosing_radius};
+use vdt::tree::{Normal, NormalCone, enclosing_radius, id_after};
 
 use crate::random_mesh::Random;
 use crate::replay::PlainMesh;
@@ -17,7 +17,7 @@ use crate::replay::PlainMesh;
 pub struct RandomLog {
     /// The mesh.
     pub mesh: CoreMesh,
-    /// The collapses in build order.
+    /// The collapses, one after the other.
     pub collapses: Vec<LoggedCollapse>,
     /// For each triangle the vertex that went when it vanished.
     pub deaths: Vec<u32>,
@@ -30,7 +30,7 @@ pub struct RandomLog {
 struct Node {
     leaves: u32,
     split: u32,
-    switch: f32,
+    id: u32,
     radius: f32,
 }
 
@@ -41,7 +41,9 @@ impl RandomLog {
         let random = &mut Random(seed);
         let mut plain = PlainMesh::new(&mesh.positions, &mesh.triangles);
         let mut parts = components(&mesh);
-        let leaf = Node { leaves: 1, split: 0, switch: 0.0, radius: 0.0 };
+        let leaf = Node { leaves: 1, split: 0, id: 0, radius: 0.0 };
+        let normals: Vec<Normal> =
+            mesh.positions.iter().map(|_| Normal::encode([(); 3].map(|()| random.signed()))).collect();
         let mut nodes = vec![leaf; mesh.positions.len()];
         let mut deaths = vec![u32::MAX; mesh.triangles.len()];
         let mut collapses: Vec<LoggedCollapse> = Vec::new();
@@ -64,23 +66,21 @@ impl RandomLog {
             }
             let [kept_node, born_node] = pair.map(|vertex| nodes[vertex as usize]);
             let [from, to] = pair.map(|vertex| mesh.positions[vertex as usize]);
-            let mut collapse = LoggedCollapse {
+            let collapse = LoggedCollapse {
                 kept,
                 born,
                 kept_leaves: kept_node.leaves,
                 kept_split: kept_node.split,
                 born_split: born_node.split,
-                round: 0,
-                key: 0,
-                switch: kept_node.switch.max(born_node.switch).max(1.0 + random.below(9) as f32),
+                id: id_after(1.0 + random.below(9) as f32, kept_node.id.max(born_node.id)),
                 radius: enclosing_radius(from, kept_node.radius, to, born_node.radius),
                 cone: random_cone(random).to_word(),
+                normal: normals[born as usize],
             };
-            place(&mut collapse, collapses.last(), random);
             nodes[kept as usize] = Node {
                 leaves: kept_node.leaves + born_node.leaves,
                 split: kept_node.leaves,
-                switch: collapse.switch,
+                id: collapse.id,
                 radius: collapse.radius,
             };
             plain.collapse(born, kept).into_iter().for_each(|triangle| deaths[triangle] = born);
@@ -90,16 +90,12 @@ impl RandomLog {
             .iter()
             .map(|part| {
                 let Node { leaves, split, .. } = nodes[part[0] as usize];
-                LoggedRoot { vertex: part[0], leaves, split, outward: random.below(3) as i8 - 1 }
+                let (vertex, normal) = (part[0], normals[part[0] as usize]);
+                LoggedRoot { vertex, leaves, split, outward: random.below(3) as i8 - 1, normal }
             })
             .collect();
         roots.sort_by_key(|root| root.vertex);
         RandomLog { mesh, collapses, deaths, roots }
-    }
-
-    /// Which way is out, by root vertex.
-    pub fn outward(&self) -> BTreeMap<u32, i8> {
-        self.roots.iter().map(|root| (root.vertex, root.outward)).collect()
     }
 
     /// The mesh as the build has it.
@@ -112,6 +108,8 @@ impl RandomLog {
             bounds: [[0.0; 3]; 2],
             origin: self.mesh.origin,
             exponent: self.mesh.exponent,
+            kept_as: self.mesh.kept_as,
+            lattice_step: self.mesh.lattice_step,
             cleaning: self.mesh.cleaning,
             input_error: self.mesh.input_error,
             files: FileCounts::default(),
@@ -147,23 +145,6 @@ impl RandomLog {
             legal_collapses: 0,
             spanned: None,
         }
-    }
-}
-
-/// Gives a collapse a place of the build order behind `last`: in the same round or with the same key where that is so.
-fn place(collapse: &mut LoggedCollapse, last: Option<&LoggedCollapse>, random: &mut Random) {
-    let Some(last) = last else { return };
-    let mut behind = |round: u32, key: u32| {
-        (collapse.round, collapse.key) = (round, key);
-        collapse.build_order() > last.build_order()
-    };
-    let is_behind = match random.below(8) {
-        0 => behind(last.round + 1, random.below(100) as u32),
-        1 => behind(last.round, last.key + random.below(3) as u32),
-        _ => behind(last.round, last.key),
-    };
-    if !is_behind {
-        behind(last.round, last.key + 1);
     }
 }
 

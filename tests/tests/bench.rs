@@ -57,10 +57,11 @@ fn table1_for_people() {
         place.run("bench table1 ball.ply box.ply --memory 8M --threads 1 --scratch . --plot times.svg").success();
     let lines: Vec<&str> = text.lines().collect();
     let cells = |line: usize| lines[line].split_whitespace().collect::<Vec<_>>();
-    for heading in ["mesh", "triangles", "vertices", "VDT s", "MNT s", "input MiB", "VDT MiB", "DATA MiB", "MNT MiB"] {
+    let sizes = ["input MiB", "VDT MiB", "DATA MiB", "MNT MiB", "model MiB"];
+    for heading in ["mesh", "triangles", "vertices", "VDT s", "MNT s"].into_iter().chain(sizes) {
         assert!(lines[0].contains(heading), "no `{heading}` in {text}");
     }
-    assert_eq!((cells(1).len(), cells(2).len()), (9, 9), "{text}");
+    assert_eq!((cells(1).len(), cells(2).len()), (10, 10), "{text}");
     assert_eq!((cells(1)[0], &cells(2)[..3]), ("ball.ply", &["box.ply", "12", "8"][..]), "{text}");
     for heading in ["CPU s", "tri/CPU-s", "peak MiB", "scratch MiB", "read B/tri", "written B/tri", "passes"] {
         assert!(lines[4].contains(heading), "no `{heading}` in {text}");
@@ -99,10 +100,13 @@ fn table1_for_programs() {
             assert_eq!(row[key], build[key], "{key}");
         }
         assert_eq!(whole(row, "input_bytes"), place.read(&format!("{name}.ply")).len() as u64);
-        let parts = ["tree_bytes", "data_bytes", "directory_bytes"].map(|key| whole(row, key));
-        assert_eq!(parts.iter().sum::<u64>(), whole(row, "model_bytes"));
+        assert_eq!(whole(row, "model_bytes"), place.read(&format!("{name}.vdt")).len() as u64);
         // Each vertex has one position, each triangle three corners.
-        assert_eq!(parts[1], 12 * (whole(row, "vertices") + whole(row, "triangles")));
+        assert_eq!(whole(row, "decoded_data_bytes"), 12 * (whole(row, "vertices") + whole(row, "triangles")));
+        let info = place.json(&format!("info {name}.vdt"));
+        let decoded = |keys: &[&str]| keys.iter().map(|key| whole(&info["decoded_bytes_by_part"], key)).sum::<u64>();
+        assert_eq!(whole(row, "decoded_tree_bytes"), decoded(&["roots", "records", "entries"]));
+        assert_eq!(whole(row, "decoded_directory_bytes"), decoded(&["page_headers"]));
         assert_eq!(row["cpu_seconds_of_runs"].as_array().unwrap().len(), 2);
         assert!(float(row, "tree_seconds") > 0.0 && float(row, "meta_node_seconds") > 0.0);
         assert!(float(row, "triangles_per_cpu_second") > 0.0);
@@ -217,6 +221,134 @@ fn stated_errors_against_measured_ones() {
     place.refuses(2, "bench error ball.vdt ball.ply --cuts 0", &["--cuts"]);
 }
 
+/// A figure of every frame of a flight, from its CSV file.
+fn column(csv: &str, name: &str) -> Vec<u64> {
+    let mut lines = csv.lines();
+    let place = lines.next().unwrap().split(',').position(|heading| heading == name).unwrap();
+    lines.map(|line| line.split(',').nth(place).unwrap().parse().unwrap()).collect()
+}
+
+/// The models measured are those that `build` writes, and the flights those of `navigate`.
+#[test]
+fn blockings_and_what_flights_read() {
+    let place = place_with_meshes();
+    let flight = "--path orbit:5 --pixels 0.3 --size 800x600 --frame-rate 0";
+    let bench = format!(
+        "bench blocking ball.ply --scratch . --blocking levels:3..4 --blocking forest:4K..8K,4 {flight} --memory 340K"
+    );
+    let mut names = place.names();
+    let document = place.json(&format!("{bench} --plot reads.svg"));
+    names.insert("reads.svg".into());
+    assert_eq!(place.names(), names);
+    check_picture(&place, "reads.svg", &["ball.ply", "levels", "forest, fan-out 4", "place holder", "read in a frame"]);
+    assert_eq!((&document["path"], whole(&document, "memory_bytes")), (&"orbit:5".into(), 340 << 10));
+    let rows = document["rows"].as_array().unwrap();
+    let blockings: Vec<&str> = rows.iter().map(|row| row["blocking"].as_str().unwrap()).collect();
+    assert_eq!(blockings, ["levels:3", "levels:4", "forest:4K,4", "forest:8K,4"]);
+    for (row, blocking) in rows.iter().zip(blockings) {
+        let build = place.json(&format!("build ball.ply -o ball.vdt --force --blocking {blocking}"));
+        for (key, of_build) in [
+            ("vertices", "vertices"),
+            ("triangles", "triangles"),
+            ("pages", "meta_nodes"),
+            ("page_levels", "meta_node_levels"),
+            ("slot_bytes", "slot_bytes"),
+            ("model_bytes", "model_bytes"),
+        ] {
+            assert_eq!(row[key], build[of_build], "{key}");
+        }
+        assert!((float(row, "fill_mean") - float(&build, "meta_node_fill")).abs() < 1e-9);
+        assert!(float(row, "pages_per_path_mean") <= whole(row, "pages_per_path_max") as f64);
+        for (key, memory) in [("in_budget", "340K"), ("all_in_ram", "1G")] {
+            let found = &row[key];
+            let options = format!("{flight} --memory {memory} --io sync --csv flight.csv --force");
+            let flown = place.json(&format!("navigate ball.vdt {options}"));
+            for same in ["reads", "bytes_read", "triangles_mean", "second_chances", "place_holders"] {
+                assert_eq!(found[same], flown[same], "{same}");
+            }
+            let csv = String::from_utf8(place.read("flight.csv")).unwrap();
+            let pages = column(&csv, "pages_in_use");
+            let mean = pages.iter().sum::<u64>() as f64 / pages.len() as f64;
+            assert!((float(found, "pages_per_cut_mean") - mean).abs() < 1e-9);
+            // Each split bears one vertex, and a ball is one tree.
+            let splits: Vec<u64> = column(&csv, "vertices").iter().map(|vertices| vertices - 1).collect();
+            let used = whole(found, "records_used");
+            assert!((*splits.iter().max().unwrap()..=splits.iter().sum()).contains(&used), "{found}");
+            let pages_used = whole(found, "pages_used");
+            assert!((*pages.iter().max().unwrap()..=whole(found, "reads")).contains(&pages_used), "{found}");
+            let bytes_used = used as f64 * float(row, "record_bytes_mean");
+            let [read, needed] = ["bytes_read", "pages_used_bytes"].map(|key| whole(found, key) as f64 / bytes_used);
+            assert!((float(found, "bytes_read_over_bytes_used") / read - 1.0).abs() < 1e-9);
+            assert!((float(found, "pages_used_bytes_over_bytes_used") / needed - 1.0).abs() < 1e-9 && needed <= read);
+            let share = float(found, "records_used_share");
+            assert!(share > 0.0 && share <= 1.0, "{found}");
+        }
+        // Where there is room for all, no page is read twice, and more is drawn.
+        assert!(whole(&row["all_in_ram"], "reads") <= whole(row, "pages"));
+        assert!(whole(&row["all_in_ram"], "bytes_read") < whole(row, "model_bytes"));
+        assert!(float(&row["in_budget"], "triangles_mean") < float(&row["all_in_ram"], "triangles_mean"), "{row}");
+        assert!(float(&row["in_time"], "miss_percent") <= 100.0);
+    }
+    // One frame uses what it shows.
+    place.json("build ball.ply -o ball.vdt --force");
+    let one = place.json("bench blocking ball.vdt --scratch . --path orbit:1 --frame-rate 0");
+    let flown = place.json("navigate ball.vdt --path orbit:1 --io sync --csv flight.csv --force");
+    let csv = String::from_utf8(place.read("flight.csv")).unwrap();
+    let flight = &one["rows"][0]["in_budget"];
+    assert_eq!(one["rows"][0]["blocking"], "forest:16K,8");
+    assert_eq!(
+        (whole(flight, "records_used"), whole(flight, "pages_used")),
+        (column(&csv, "vertices")[0] - 1, column(&csv, "pages_in_use")[0])
+    );
+    assert_eq!(flight["reads"], flown["reads"]);
+}
+
+#[test]
+fn blockings_for_people() {
+    let place = place_with_meshes();
+    let bench = "bench blocking ball.ply box.ply --scratch . --blocking forest:4K,4 --blocking levels:3 --path orbit:3 --frame-rate 0";
+    let text = place.run(bench).success();
+    for heading in
+        ["B/vertex", "fill %", "path", "longest", "KiB/cut", "needed/used", "read/used", "holders", "misses %"]
+    {
+        assert!(text.lines().any(|line| line.contains(heading)), "no `{heading}` in {text}");
+    }
+    assert!(
+        text.contains("ball.ply: 2,048 triangles, 1,026 vertices") && text.contains("box.ply: 12 triangles"),
+        "{text}"
+    );
+    for blocking in ["forest:4K,4", "levels:3"] {
+        assert_eq!(text.lines().filter(|line| line.starts_with(blocking)).count(), 6, "{text}");
+    }
+    assert!(text.contains("Path orbit:3, 1 pixel(s), 16 MiB of RAM, on "), "{text}");
+    assert!(text.lines().take(16).all(|line| line.chars().count() <= 100), "{text}");
+
+    // Too little memory has its line, and is no failure.
+    let text = place.run(&format!("{bench} --memory 1K")).success();
+    assert!(text.contains("forest:4K,4  refused: ") && text.contains("run again with --memory"), "{text}");
+    // What is no mesh has its line, and the others theirs.
+    let outcome =
+        place.run("bench blocking letter.txt box.ply --scratch . --blocking levels:3 --path orbit:1 --frame-rate 0");
+    assert_eq!(
+        (outcome.status.code(), outcome.stderr.as_str()),
+        (Some(1), "vdt: 1 measurement failed\n"),
+        "{outcome:?}"
+    );
+    assert!(outcome.stdout.contains("letter.txt  failed: ") && outcome.stdout.contains("box.ply: 12 triangles"));
+
+    place.write("old.svg", "precious");
+    let names = place.names();
+    place.refuses(1, "bench blocking missing.ply", &["missing.ply", "No such file"]);
+    place.refuses(1, "bench blocking ball.ply --plot old.svg", &["old.svg", "--force"]);
+    place.refuses(1, "bench blocking ball.ply --plot ball.ply --force", &["ball.ply", "would replace"]);
+    place.refuses(1, "bench blocking ball.ply --scratch nowhere", &["nowhere"]);
+    place.refuses(2, "bench blocking", &["<MESH|MODEL.vdt>"]);
+    place.refuses(2, "bench blocking ball.ply --blocking oak", &["oak", "forest:SLOT,K"]);
+    place.refuses(2, "bench blocking ball.ply --blocking levels:8..3", &["levels:8..3", "empty"]);
+    place.refuses(2, "bench blocking ball.ply --path orbit:0", &["orbit:0"]);
+    assert_eq!(place.names(), names);
+}
+
 /// A file that no build takes has its line, and the others theirs; then the bench has failed.
 #[test]
 fn a_build_that_fails_is_told_and_the_others_go_on() {
@@ -270,7 +402,7 @@ fn what_cannot_be_is_refused_before_anything_is_built() {
 #[test]
 fn the_examples_of_the_help_are_right() {
     let place = workplace!();
-    for bench in ["table1", "io", "error"] {
+    for bench in ["table1", "io", "error", "blocking"] {
         let help = place.run(&format!("bench {bench} --help")).success();
         let examples: Vec<&str> = help.split_once("Examples:\n").unwrap().1.lines().collect();
         assert!(examples.len() >= 2);
@@ -284,7 +416,10 @@ fn the_examples_of_the_help_are_right() {
 
 /// A build has begun to make files. (Looks at no more than it must: the build removes files, too.)
 fn is_building(place: &Workplace) -> bool {
-    let is_begun = |folder: PathBuf| fs::read_dir(folder.join("build")).is_ok_and(|mut files| files.next().is_some());
+    let is_begun = |folder: PathBuf| {
+        let places = ["build", "scratch"].map(|name| fs::read_dir(folder.join(name)));
+        places.into_iter().flatten().any(|mut files| files.next().is_some())
+    };
     fs::read_dir(place.folder()).unwrap().any(|entry| is_begun(entry.unwrap().path()))
 }
 
@@ -294,9 +429,10 @@ fn stopped_in_between_nothing_is_left() {
     let place = workplace!();
     place.json("generate terrain --triangles 400000 -o terrain.ply");
     let names = place.names();
-    let command = "bench table1 terrain.ply --memory 24M --runs 1000 --scratch . --plot times.svg";
-    let words: Vec<&str> = command.split_whitespace().collect();
-    for signal in ["TERM", "INT"] {
+    let table1 = "bench table1 terrain.ply --memory 24M --runs 1000 --scratch . --plot times.svg";
+    let blocking = "bench blocking terrain.ply --build-memory 24M --scratch . --plot times.svg";
+    for (command, signal) in [(table1, "TERM"), (table1, "INT"), (blocking, "TERM")] {
+        let words: Vec<&str> = command.split_whitespace().collect();
         let child = place.command(&words).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
         let child = child.unwrap();
         let start = Instant::now();

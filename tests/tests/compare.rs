@@ -80,7 +80,7 @@ fn memory_threads_and_order_change_nothing() {
     }
     assert_eq!(place.names(), names);
     let back = figures(place.json("compare cut.ply sphere.ply --samples 30000"));
-    for key in ["mean", "rms", "max", "max_at", "max_at_most"] {
+    for key in ["mean", "rms", "max", "max_at", "max_at_most", "max_settled"] {
         for (side, other) in [("a_to_b", "b_to_a"), ("b_to_a", "a_to_b")] {
             assert_eq!(back[format!("{side}_{key}")], found[format!("{other}_{key}")], "{key}");
         }

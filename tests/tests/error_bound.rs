@@ -79,7 +79,7 @@ fn close(tree: &Tree, mut active: Vec<Node>) -> Vec<Node> {
         for corners in &tree.triangles.corners {
             for (x, y) in [(0, 1), (1, 2), (2, 0), (1, 0), (2, 1), (0, 2)] {
                 let [at_x, at_y] = [corners[x], corners[y]].map(|leaf| ancestor[leaf as usize]);
-                if at_x != at_y && moves.last(tree, active[at_x], corners[x]) >= moves.next(active[at_y]) {
+                if at_x != at_y && moves.last(tree, active[at_x], corners[x]) > moves.next(active[at_y]) {
                     is_split[at_x] = true;
                 }
             }
@@ -162,7 +162,7 @@ proptest! {
 }
 
 /// The bound is not only true, but near, the more is kept the nearer: with one piece, at most twice what is measured, in the
-/// median of some cuts.
+/// median of some cuts; and up to 1.09 times that, since switch values are rounded up to eighths of an octave.
 #[test]
 fn what_is_stated_is_near_what_is_measured() {
     for mesh in [sphere(4, 0.0, 1), torus(30, 20, 0.02, 2), sheet(25, 25, 0.3, 0, 3)] {
@@ -179,7 +179,7 @@ fn what_is_stated_is_near_what_is_measured() {
             ratios.sort_by(f64::total_cmp);
             medians.push(ratios[ratios.len() / 2]);
         }
-        assert!(medians[0] < 3.0 && medians[1] < 2.0 && medians[2] < 1.6, "{medians:?}");
+        assert!(medians[0] < 3.0 && medians[1] < 2.0 && medians[2] < 1.6 * 1.0906, "{medians:?}");
         assert!(medians[..3].is_sorted_by(|a, b| a >= b) && medians[3] < 3.0, "{medians:?}");
     }
 }

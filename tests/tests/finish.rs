@@ -7,7 +7,7 @@
 use proptest::prelude::*;
 use storage::{ByteSize, Scratch};
 use vdt::ingest::{CleaningCounts, canonical};
-use vdt::tree::{FinishError, check, finish};
+use vdt::tree::{FinishError, Tree, check, finish};
 use vdt_tests::plain_tree::plain_tree;
 use vdt_tests::random_log::RandomLog;
 use vdt_tests::random_mesh::{RawMesh, any_mesh, sheet};
@@ -18,7 +18,7 @@ fn random_log(mesh: &RawMesh, deep: usize, seed: u64) -> RandomLog {
     RandomLog::new(core, deep, seed)
 }
 
-fn finished(log: &RandomLog, memory: u64, threads: usize, seed: u64) -> Result<vdt::tree::Tree, FinishError> {
+fn finished(log: &RandomLog, memory: u64, threads: usize, seed: u64) -> Result<Tree, FinishError> {
     let simplified = log.simplified(seed);
     let scratch = Scratch::in_memory();
     let tree = finish(log.stored_mesh(), simplified, &scratch, ByteSize(memory), threads, &mut |_| ())?;
@@ -35,8 +35,7 @@ proptest! {
         let log = random_log(&mesh, deep, seed);
         let tree = finished(&log, 1 << memory, threads, !seed).unwrap();
         check(&tree).unwrap();
-        let core = &log.mesh;
-        let expected = plain_tree(&core.positions, &core.triangles, &log.collapses, &log.outward(), core.origin);
+        let expected = plain_tree(&log.mesh, &log.collapses, &log.roots);
         prop_assert_eq!(&tree.roots, &expected.roots);
         prop_assert_eq!(&tree.positions, &expected.positions);
         for (leaf, (split, expected)) in tree.splits.iter().zip(&expected.splits).enumerate() {

@@ -66,9 +66,9 @@ fn write_all(place: &Workplace, files: Vec<(String, Vec<u8>)>) -> Vec<String> {
 
 /// Builds a model of each file, all the same; leaves `model.vdt`, which each file is checked against.
 fn assert_one_model(place: &Workplace, files: &[String]) {
-    let first = place.json(&format!("build {} -o model.vdt --force", files[0]));
+    let first = place.json(&format!("build --positions lossless {} -o model.vdt --force", files[0]));
     for file in files {
-        let built = place.json(&format!("build {file} -o other.vdt --force"));
+        let built = place.json(&format!("build --positions lossless {file} -o other.vdt --force"));
         assert_eq!(built["model_sha256"], first["model_sha256"], "{file} and {}", files[0]);
         assert!(place.read("other.vdt") == place.read("model.vdt"), "{file}");
         let verified = place.json(&format!("verify model.vdt --against {file}"));
@@ -133,14 +133,14 @@ fn what_is_left_out_does_not_matter() {
     assert_one_model(&place, &files);
     assert_gives_back(&place, &clean);
 
-    let built = place.json("build plain.off -o other.vdt --force");
+    let built = place.json("build --positions lossless plain.off -o other.vdt --force");
     assert_eq!(warning(&built, "isolated_vertices"), Some(4));
     assert_eq!(warning(&built, "welded_vertices"), Some(3));
     assert_eq!(warning(&built, "duplicate_triangles"), Some(1));
     assert_eq!(warning(&built, "degenerate_triangles"), Some(1));
     assert_eq!(warning(&built, "polygons"), None);
     assert_eq!((&built["vertices"], &built["triangles"]), (&88.into(), &clean.triangles.len().into()));
-    assert_eq!(place.json("build clean.ply -o other.vdt --force")["warnings"], json!([]));
+    assert_eq!(place.json("build --positions lossless clean.ply -o other.vdt --force")["warnings"], json!([]));
 }
 
 /// So far from zero that an origin is kept: single precision comes back to the bit.
@@ -195,7 +195,7 @@ fn polygons_and_strips_are_their_triangles() {
     assert_one_model(&place, &files);
     assert_gives_back(&place, &mesh);
     for file in &files[1..] {
-        let built = place.json(&format!("build {file} -o other.vdt --force"));
+        let built = place.json(&format!("build --positions lossless {file} -o other.vdt --force"));
         assert_eq!(warning(&built, "polygons"), Some(2), "{file}");
     }
 
@@ -225,10 +225,10 @@ fn parts_in_several_files_are_one_mesh() {
     place.write("one.stl", stl_binary(&part(one)));
     place.write("two.obj", obj(&part(two)));
     let files = ["whole.ply", "one.stl two.obj", "two.obj one.stl"].map(String::from);
-    let first = place.json("build whole.ply -o model.vdt");
+    let first = place.json("build --positions lossless whole.ply -o model.vdt");
     assert_eq!(first["components"], 1);
     for files in &files {
-        let built = place.json(&format!("build {files} -o other.vdt --force"));
+        let built = place.json(&format!("build --positions lossless {files} -o other.vdt --force"));
         assert_eq!(built["model_sha256"], first["model_sha256"], "{files}");
     }
     let verified = place.json("verify model.vdt --against one.stl --against two.obj");
@@ -243,9 +243,9 @@ fn what_is_extracted_builds_the_same_model() {
     let place = workplace!();
     for shape in ["sphere --triangles 1000", "gyroid --triangles 2000", "city --triangles 1500 --seed 9"] {
         let mesh = generated(&place, shape);
-        let built = place.json("build generated.ply -o model.vdt --force");
+        let built = place.json("build --positions lossless generated.ply -o model.vdt --force");
         assert_gives_back(&place, &mesh);
-        let again = place.json("build back.ply -o again.vdt --force");
+        let again = place.json("build --positions lossless back.ply -o again.vdt --force");
         assert_eq!(built["model_sha256"], again["model_sha256"], "{shape}");
     }
 }

@@ -18,7 +18,7 @@ use navigator::{Camera, Dependency, Io, Navigator, NavigatorError, NavigatorOpti
 use proptest::prelude::*;
 use storage::{Disk, MemoryDisk, ReadAt, StorageError, WriteFile};
 use vdt::ingest::{CleaningCounts, CoreMesh, canonical};
-use vdt::tree::{ErrorBound, Metric, StoredTree, Strategy as Order, Tree};
+use vdt::tree::{ErrorBound, Metric, Positions, StoredTree, Strategy as Order, Tree};
 use vdt_tests::cut::{self, Node, smallest_first};
 use vdt_tests::history::{self, History, history};
 use vdt_tests::random_mesh::{RawMesh, any_mesh, closed_box, sheet, sphere, torus};
@@ -55,7 +55,8 @@ impl Sample {
     fn disk(&self, blocking: Blocking) -> MemoryDisk {
         let disk = MemoryDisk::new();
         let (metric, strategy, error_bound) = (Metric::Quadric, Order::Passes, ErrorBound::default());
-        let options = ModelOptions { blocking, metric, strategy, error_bound, input_error: 0.0 };
+        let positions = Positions::Lossless;
+        let options = ModelOptions { blocking, metric, strategy, error_bound, input_error: 0.0, positions };
         let tree = StoredTree::from_tree(self.tree.clone());
         let (path, resources) = (Path::new(FILE), WriteResources::in_memory());
         write_model(Arc::new(disk.clone()), path, &tree, &options, &resources, &mut |_| ()).unwrap();

@@ -75,7 +75,7 @@ fn assert_numbers(document: &Value, keys: &[&str]) {
 /// The whole way with `mesh.ply`, which is this mesh, of so many components.
 fn the_whole_way(place: &Workplace, mesh: &RawMesh, components: usize) {
     let expected = surface(mesh);
-    let built = place.json("build mesh.ply -o model.vdt --force");
+    let built = place.json("build --positions lossless mesh.ply -o model.vdt --force");
     assert_has(&built, &BUILD_KEYS);
     assert_eq!((&built["triangles"], &built["roots"]), (&expected.len().into(), &components.into()));
     assert_eq!(built["components"], built["roots"]);
@@ -157,7 +157,7 @@ fn of(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> RawMesh {
 const CORNERS: [[f64; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 fn warnings(place: &Workplace) -> Vec<(String, u64)> {
-    let built = place.json("build mesh.ply -o model.vdt --force");
+    let built = place.json("build --positions lossless mesh.ply -o model.vdt --force");
     let warnings = built["warnings"].as_array().unwrap();
     let pair = |warning: &Value| (warning["kind"].as_str().unwrap().to_owned(), warning["count"].as_u64().unwrap());
     warnings.iter().map(pair).collect()
@@ -246,7 +246,7 @@ fn what_is_seen_does_not_depend_on_the_unit() {
         let mut mesh = sphere(4, 0.05, 9).in_single_precision();
         mesh.positions.iter_mut().flatten().for_each(|value| *value *= scale);
         place.write("mesh.ply", ply(&mesh, Encoding::LittleEndian, Coordinates::Float));
-        place.json("build mesh.ply -o model.vdt");
+        place.json("build --positions lossless mesh.ply -o model.vdt");
         let camera = [3.0, 1.0, 2.0, 0.0, 0.0, 0.0].map(|value| (value * scale).to_string()).join(",");
         let extracted = place.json(&format!("extract model.vdt -o seen.ply --camera {camera} --pixels 8"));
         let flown = place.json("navigate model.vdt --path orbit:30 --io sync --pixels 4");
@@ -268,7 +268,7 @@ fn millimetres_five_thousand_kilometres_away() {
         (*x, *y, *z) = (*x * 50.001 + 500_000.123, *y * 50.002 + 5_000_000.456, *z + 812.789);
     }
     place.write("mesh.ply", ply(&mesh, Encoding::LittleEndian, Coordinates::Double));
-    place.json("build mesh.ply -o model.vdt");
+    place.json("build --positions lossless mesh.ply -o model.vdt");
     assert_eq!(place.json("verify model.vdt --against mesh.ply")["same_as_mesh"], true);
     place.json("extract model.vdt -o back.ply --error 0");
     assert!(String::from_utf8_lossy(&place.read("back.ply")[..200]).contains("property double x"));
@@ -296,8 +296,8 @@ fn millimetres_five_thousand_kilometres_away() {
     }
     // What came back makes the same model, but for what was lost on the first way in: the origin is a matter of the mesh,
     // not of the file.
-    let again = place.json("build back.ply -o again.vdt");
-    let lost = place.json("build mesh.ply -o model.vdt --force")["input_error"].as_f64().unwrap();
+    let again = place.json("build --positions lossless back.ply -o again.vdt");
+    let lost = place.json("build --positions lossless mesh.ply -o model.vdt --force")["input_error"].as_f64().unwrap();
     assert!(lost > 0.0 && lost < 1e-4 && again["input_error"] == 0.0, "{lost} {again}");
     let but_for_the_input_error = |bytes: Vec<u8>| [&bytes[..156], &bytes[160..252], &bytes[256..]].concat();
     let [first, second] = ["model.vdt", "again.vdt"].map(|model| but_for_the_input_error(place.read(model)));
@@ -340,7 +340,7 @@ fn one_vertex_with_five_thousand_triangles() {
     let fan = fan.in_single_precision();
     let place = go(&fan, 1);
     place.write("mesh.ply", ply(&fan, Encoding::LittleEndian, Coordinates::Float));
-    let built = place.json("build mesh.ply -o model.vdt --force --blocking levels:5");
+    let built = place.json("build --positions lossless mesh.ply -o model.vdt --force --blocking levels:5");
     assert_eq!(built["triangles"], TRIANGLES);
     assert_eq!(place.json("verify model.vdt --against mesh.ply")["same_as_mesh"], true);
     place.json("navigate model.vdt --path flyby:20 --io sync --pixels 0.1");
@@ -361,7 +361,8 @@ fn generated_meshes() {
             let place = workplace!();
             place.json(&format!("generate {shape} --triangles {triangles} --seed 5 -o mesh.ply"));
             let mesh = read_ply(&place.read("mesh.ply"));
-            let components = place.json("build mesh.ply -o model.vdt")["components"].as_u64().unwrap();
+            let components =
+                place.json("build --positions lossless mesh.ply -o model.vdt")["components"].as_u64().unwrap();
             assert!(
                 components >= 1 && (components == 1 || ["city", "gyroid"].contains(&shape)),
                 "{components} {shape}"
@@ -381,13 +382,13 @@ fn every_way_of_building() {
         for strategy in ["passes", "btree"] {
             for blocking in ["forest:32K,8", "forest:4K,2", "forest:1M,64", "levels:1", "levels:5", "levels:15"] {
                 let options = format!("--metric {metric} --strategy {strategy} --blocking {blocking}");
-                let built = place.json(&format!("build mesh.ply -o model.vdt --force {options}"));
+                let built = place.json(&format!("build --positions lossless mesh.ply -o model.vdt --force {options}"));
                 assert_eq!(built["triangles"], surface(&mesh).len(), "{options}");
                 assert_eq!(place.json("verify model.vdt --against mesh.ply")["same_as_mesh"], true, "{options}");
                 let info = place.json("info model.vdt");
                 assert_eq!((&info["metric"], &info["strategy"]), (&metric.into(), &strategy.into()));
                 place.json("navigate model.vdt --path flyby:10 --io sync --pixels 0.3 --memory 4M");
-                let again = place.json(&format!("build mesh.ply -o again.vdt --force {options}"));
+                let again = place.json(&format!("build --positions lossless mesh.ply -o again.vdt --force {options}"));
                 assert_eq!(again["model_sha256"], built["model_sha256"], "{options}");
             }
         }

@@ -150,7 +150,7 @@ fn parts_that_vanish_are_no_farther_than_is_said() {
     place.json("generate city --triangles 1500 -o city.ply");
     place.write("boxes.ply", ply(&boxes(90), Encoding::LittleEndian, Coordinates::Float));
     for name in ["city", "boxes"] {
-        place.json(&format!("build {name}.ply -o {name}.vdt"));
+        place.json(&format!("build --positions lossless {name}.ply -o {name}.vdt"));
         let info = place.json(&format!("info {name}.vdt"));
         let parts = Parts::of(&read_ply(&place.read(&format!("{name}.ply"))));
         assert_eq!(info["components"], parts.count());
@@ -191,7 +191,7 @@ fn what_is_said_in_words() {
     let extract = |cut: &str, label: &str| line(&format!("extract m.vdt -o cut.ply --force {cut}"), label);
     let fly = |options: &str, label: &str| line(&format!("navigate m.vdt --path orbit:3 --io sync {options}"), label);
 
-    place.json("build boxes.ply -o m.vdt --error-bound none");
+    place.json("build --positions lossless boxes.ply -o m.vdt --error-bound none");
     assert_eq!(place.json("info m.vdt")["errors_certified"], false);
     assert!(line("info m.vdt", "errors").unwrap().ends_with("the metric's estimates, not certified bounds"));
     let estimate = "by the metric's estimate (not guaranteed); build with --error-bound default";
@@ -206,7 +206,7 @@ fn what_is_said_in_words() {
     );
 
     for error_bound in ["fast", "default", "tight", "two-sided"] {
-        place.json(&format!("build boxes.ply -o m.vdt --force --error-bound {error_bound}"));
+        place.json(&format!("build --positions lossless boxes.ply -o m.vdt --force --error-bound {error_bound}"));
         assert!(
             line("info m.vdt", "errors").unwrap().ends_with(&format!("certified bounds, error bound {error_bound}"))
         );
@@ -251,8 +251,8 @@ fn what_was_lost_on_the_way_in_is_said() {
     mesh.positions.iter_mut().flatten().for_each(|value| *value = *value * 0.1 + 700.3);
     place.write("mesh.ply", ply(&mesh, Encoding::LittleEndian, Coordinates::Double));
     place.write("other.ply", ply(&mesh.shuffled(4), Encoding::Ascii, Coordinates::Double));
-    let built = place.json("build mesh.ply -o m.vdt");
-    let other = place.json("build other.ply -o other.vdt --memory 16M --threads 2");
+    let built = place.json("build --positions lossless mesh.ply -o m.vdt");
+    let other = place.json("build --positions lossless other.ply -o other.vdt --memory 16M --threads 2");
     assert_eq!(built["model_sha256"], other["model_sha256"]);
     let info = place.json("info m.vdt");
     let origin = [0, 1, 2].map(|axis| info["origin"][axis].as_f64().unwrap());
@@ -267,7 +267,9 @@ fn what_was_lost_on_the_way_in_is_said() {
     let told = number(&built, "input_error");
     assert!(largest > 0.0 && told >= largest && told <= largest * 1.000_001, "{told} {largest}");
     assert_eq!(info["input_error"], built["input_error"]);
-    for text in [place.run("info m.vdt").success(), place.run("build mesh.ply -o m.vdt --force").success()] {
+    for text in
+        [place.run("info m.vdt").success(), place.run("build --positions lossless mesh.ply -o m.vdt --force").success()]
+    {
         assert!(text.lines().any(|line| line.starts_with("input error ")), "{text}");
     }
 
@@ -276,7 +278,7 @@ fn what_was_lost_on_the_way_in_is_said() {
     let text = place.run("extract m.vdt -o whole.ply --error 0 --force").success();
     assert!(text.contains("guaranteed: every point of the input lies within "), "{text}");
     // What has been in single precision once loses nothing more.
-    let again = place.json("build whole.ply -o again.vdt");
+    let again = place.json("build --positions lossless whole.ply -o again.vdt");
     assert_eq!(again["input_error"], 0.0);
     assert!(!place.run("info again.vdt").success().contains("input error"));
 }

@@ -287,8 +287,14 @@ fn a_model_with_a_flipped_byte_in_each_part() {
         refuses_model(&place, "table.vdt", &["root table"]);
         place.refuses(1, "info table.vdt", &["table.vdt", "root table"]);
     }
+    let pages = tables.end + info["bytes_by_part"]["coder_tables"].as_u64().unwrap() as usize;
+    for offset in [tables.end, (tables.end + pages) / 2, pages - 1] {
+        flip("coder.vdt", offset);
+        refuses_model(&place, "coder.vdt", &["coder's tables"]);
+        place.refuses(1, "info coder.vdt", &["coder.vdt", "coder's tables"]);
+    }
     // The first page is needed whatever is drawn, and by `info` to say how full it is.
-    for offset in [tables.end, tables.end + 77, tables.end + 3000] {
+    for offset in [pages, pages + 77, pages + 1000] {
         flip("page.vdt", offset);
         refuses_model(&place, "page.vdt", &["meta-node 0"]);
         place.refuses(1, "info page.vdt", &["page.vdt", "meta-node 0"]);

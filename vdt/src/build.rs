@@ -16,11 +16,11 @@ use serde::{Deserialize, Serialize};
 use storage::{ByteSize, Disk, EdgeTreeKind, Scratch, StorageError};
 use thiserror::Error;
 
-use crate::ingest::{self, CleaningCounts, FileCounts, IngestPlan, KeptMesh, StoredMesh};
+use crate::ingest::{self, CleaningCounts, FileCounts, IngestPlan, KeptMesh, PositionsRule, StoredMesh};
 use crate::mesh::MeshError;
 use crate::simplify::log::{KeptSimplified, Simplified};
 use crate::simplify::{self, SimplifyError, SimplifyOptions, SpannedCounters};
-use crate::tree::{ErrorBound, FinishError, Metric, StoredTree, Strategy, finish};
+use crate::tree::{ErrorBound, FinishError, Metric, Positions, StoredTree, Strategy, finish};
 
 /// How a tree is to be built.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,6 +37,8 @@ pub struct BuildOptions {
     pub error_bound: ErrorBound,
     /// The tree of edges of [`Strategy::Btree`], for a mesh that does not fit in memory.
     pub edge_tree: EdgeTreeKind,
+    /// How positions are kept.
+    pub positions: PositionsRule,
 }
 
 /// The phases of a build.
@@ -46,7 +48,7 @@ pub enum Phase {
     Reading,
     /// Collapsing edges.
     Simplifying,
-    /// Leaf numbers, ids, born triangles.
+    /// Leaf numbers, born triangles.
     Numbering,
     /// Cutting the tree into meta-nodes and writing the model: not done here, but watched in the same way.
     Writing,
@@ -151,6 +153,10 @@ pub struct BuildReport {
     pub files: FileCounts,
     /// What was changed on the way in.
     pub cleaning: CleaningCounts,
+    /// How positions were kept.
+    pub positions: Positions,
+    /// The step of the lattice that all positions are on, in mesh units; 0 where there is none.
+    pub lattice_step: f32,
     /// No point of a triangle in the files is farther than this from the mesh that was simplified, in mesh units.
     pub input_error: f32,
     /// Rounds of collapses that kept all legality tests (1 with [`Strategy::Btree`]).
@@ -183,7 +189,7 @@ const PROGRAM_BYTES: u64 = 5 << 20;
 /// Bytes for each triangle at the peak of a build that touches no disk, without what the error bound takes.
 const CORE_BYTES: u64 = 140;
 /// CPU time for each triangle, in core and with a scratch, in nanoseconds, without what the error bound takes.
-const CPU_NANOSECONDS: [f64; 2] = [1500.0, 2000.0];
+const CPU_NANOSECONDS: [f64; 2] = [1900.0, 2400.0];
 
 /// CPU time of the error bound for each triangle, in nanoseconds.
 fn bound_nanoseconds(bound: ErrorBound) -> f64 {
@@ -225,7 +231,17 @@ pub fn estimate(counts: FileCounts, options: &BuildOptions) -> Estimate {
     }
 }
 
-/// What an interrupted build had come to, as its scratch has it.
+/// The version of the records in the files of a checkpoint. Those of another one are not taken up.
+const RECORDS_VERSION: u32 = 2;
+
+/// A checkpoint, as the scratch has it.
+#[derive(Debug, Serialize, Deserialize)]
+struct Saved {
+    records_version: u32,
+    checkpoint: Checkpoint,
+}
+
+/// What an interrupted build had come to.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Checkpoint {
@@ -247,10 +263,11 @@ pub fn build(
     resumed: Option<serde_json::Value>,
     progress: &mut (dyn FnMut(Step) + Send),
 ) -> Result<(StoredTree, BuildReport), BuildError> {
-    let BuildOptions { memory, threads, metric, strategy, error_bound, edge_tree } = *options;
+    let BuildOptions { memory, threads, metric, strategy, error_bound, edge_tree, positions } = *options;
     let mut phases = Vec::new();
-    let checkpoint = resumed.and_then(|state| serde_json::from_value(state).ok());
-    let (mesh, simplified) = match checkpoint {
+    let saved = resumed.and_then(|state| serde_json::from_value::<Saved>(state).ok());
+    let saved = saved.filter(|saved| saved.records_version == RECORDS_VERSION);
+    let (mesh, simplified) = match saved.map(|saved| saved.checkpoint) {
         Some(Checkpoint::Simplified(mesh, simplified)) => {
             (StoredMesh::reopen(scratch, &mesh)?, Some(Simplified::reopen(scratch, &simplified)?))
         }
@@ -259,14 +276,14 @@ pub fn build(
             progress(Step { phase: Phase::Reading, share: 0.0, triangles: 0 });
             let watch = PhaseWatch::start();
             let block_triangles = simplify::block_triangles(memory, threads, error_bound);
-            let plan = IngestPlan { memory, threads, block_triangles };
+            let plan = IngestPlan { memory, threads, block_triangles, positions };
             let mut mesh = ingest::store(disk, scratch, paths, &plan, &mut |share| {
                 progress(Step { phase: Phase::Reading, share, triangles: 0 });
             })?;
             if mesh.is_on_disk() {
                 let kept = mesh.keep(scratch)?;
                 let files = kept.files().collect();
-                save(scratch, &Checkpoint::Read(kept), files)?;
+                save(scratch, Checkpoint::Read(kept), files)?;
             }
             phases.push(watch.cost(Phase::Reading));
             (mesh, None)
@@ -290,7 +307,7 @@ pub fn build(
             if mesh.is_on_disk() {
                 let (kept_mesh, kept) = (mesh.keep(scratch)?, simplified.keep(scratch)?);
                 let files = kept_mesh.files().chain(kept.files()).collect();
-                save(scratch, &Checkpoint::Simplified(kept_mesh, Box::new(kept)), files)?;
+                save(scratch, Checkpoint::Simplified(kept_mesh, Box::new(kept)), files)?;
             }
             phases.push(watch.cost(Phase::Simplifying));
             simplified
@@ -301,6 +318,8 @@ pub fn build(
     let mut report = BuildReport {
         files: mesh.files,
         cleaning: mesh.cleaning,
+        positions: mesh.kept_as,
+        lattice_step: mesh.lattice_step,
         input_error: mesh.input_error,
         rounds: simplified.rounds,
         legal_collapses: simplified.legal_collapses,
@@ -316,8 +335,8 @@ pub fn build(
     Ok((tree, report))
 }
 
-fn save(scratch: &Scratch, checkpoint: &Checkpoint, files: Vec<String>) -> Result<(), BuildError> {
-    let state =
-        serde_json::to_value(checkpoint).map_err(|error| BuildError::Checkpoint { problem: error.to_string() })?;
+fn save(scratch: &Scratch, checkpoint: Checkpoint, files: Vec<String>) -> Result<(), BuildError> {
+    let saved = Saved { records_version: RECORDS_VERSION, checkpoint };
+    let state = serde_json::to_value(&saved).map_err(|error| BuildError::Checkpoint { problem: error.to_string() })?;
     Ok(scratch.checkpoint(state, files)?)
 }

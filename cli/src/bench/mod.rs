@@ -1,20 +1,26 @@
-//! `vdt bench`: measurements of builds, on the meshes given, and of what models state.
+//! `vdt bench`: measurements of builds, on the meshes given, of what models state, and of how they are blocked.
 //!
 //! | module | what it does |
 //! |---|---|
 //! | [`table1`] | the paper's Table 1: construction times and file sizes |
 //! | [`io`] | bytes moved against the memory limit |
 //! | [`error`], [`cuts`] | stated errors of cuts against measured ones |
+//! | [`blocking`], [`blockings`], [`flight`] | blockings: sizes, and what flights read |
+//! | [`decode`] | how fast pages are decoded |
 //! | [`child`] | builds as processes of their own, in a temporary folder |
 //! | [`figures`] | what a build says of itself |
 //! | [`machine`] | on which machine it was measured |
 //! | [`strategy`] | a strategy with its B-tree |
 //! | [`plot`] | the pictures of all |
 
+mod blocking;
+mod blockings;
 mod child;
 mod cuts;
+mod decode;
 mod error;
 mod figures;
+mod flight;
 mod io;
 mod machine;
 mod plot;
@@ -31,6 +37,7 @@ use storage::{Disk, LocalDisk};
 use crate::arguments::{BenchCommand, BenchOptions};
 use crate::output::{may_write, write_text};
 
+pub use blockings::Blockings;
 pub use child::end;
 pub use strategy::StrategyChoice;
 
@@ -39,6 +46,8 @@ pub fn run(options: BenchOptions, json: bool) -> Result<()> {
         BenchCommand::Table1(options) => table1::run(&options, json),
         BenchCommand::Io(options) => io::run(&options, json),
         BenchCommand::Error(options) => error::run(&options, json),
+        BenchCommand::Blocking(options) => blocking::run(&options, json),
+        BenchCommand::Decode(options) => decode::run(&options, json),
     }
 }
 

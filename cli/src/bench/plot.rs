@@ -1,14 +1,16 @@
-//! The pictures of the benches, as SVG: bytes moved against memory, CPU time for each triangle, and stated errors against
-//! measured ones.
+//! The pictures of the benches, as SVG: bytes moved against memory, CPU time for each triangle, stated errors against
+//! measured ones, and bytes that a flight reads against the size of place holders.
 
 use std::ops::Range;
 
 use anyhow::{Result, anyhow};
+use metanode::header::Blocking;
 use plotters::coord::CoordTranslate;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use storage::ByteSize;
 
+use super::blocking;
 use super::cuts::Kind;
 use super::error;
 use super::figures::{Figures, PHASES};
@@ -18,13 +20,20 @@ use super::table1::Row;
 use crate::output::grouped;
 
 /// Colours of lines and of parts of bars, in order.
-const COLOURS: [RGBColor; 4] =
-    [RGBColor(31, 119, 180), RGBColor(214, 39, 40), RGBColor(44, 160, 44), RGBColor(148, 103, 189)];
+const COLOURS: [RGBColor; 5] = [
+    RGBColor(31, 119, 180),
+    RGBColor(214, 39, 40),
+    RGBColor(44, 160, 44),
+    RGBColor(148, 103, 189),
+    RGBColor(255, 127, 14),
+];
 const FONT: &str = "sans-serif";
 /// Width of a picture, in pixels.
 const WIDTH: u32 = 960;
 /// Height of the picture of bytes moved, in pixels.
 const HEIGHT: u32 = 600;
+/// Height of a title over several charts, in pixels.
+const CAPTION: u32 = 40;
 /// Characters of a name beside a bar, at most.
 const NAME: usize = 22;
 /// Height of one bar with the room around it, in pixels.
@@ -252,6 +261,87 @@ pub fn ratios(rows: &[error::Row], title: &str) -> Result<String> {
         area.present().map_err(drawing)?;
     }
     Ok(svg)
+}
+
+/// Draws, for each mesh under the others, the bytes that a flight within the budget reads in a frame against the size of the
+/// place holders, both on logarithmic scales: a line for each fan-out, and one for whole levels.
+pub fn reads_against_slots(subjects: &[blocking::Subject], title: &str) -> Result<String> {
+    let mut svg = String::new();
+    {
+        let height = CAPTION + HEIGHT * subjects.len().max(1) as u32;
+        let area = SVGBackend::with_string(&mut svg, (WIDTH, height)).into_drawing_area();
+        area.fill(&WHITE).map_err(drawing)?;
+        let area = area.titled(title, (FONT, 20)).map_err(drawing)?;
+        for (subject, panel) in subjects.iter().zip(area.split_evenly((subjects.len().max(1), 1))) {
+            reads_of_subject(subject, &panel)?;
+        }
+        area.present().map_err(drawing)?;
+    }
+    Ok(svg)
+}
+
+/// A line of the picture of reads: its name, and for each of its blockings the bytes of a place holder and those read.
+type ReadsLine = (String, Vec<(f64, f64)>);
+
+/// The lines of one mesh, in the order of its blockings.
+fn reads_lines(subject: &blocking::Subject) -> Vec<ReadsLine> {
+    let mut lines: Vec<ReadsLine> = Vec::new();
+    for row in subject.outcome.iter().flatten() {
+        let blocking::Outcome::Measured(measured) = &row.outcome else { continue };
+        let name = match row.blocking {
+            Blocking::Forest { fan_out, .. } => format!("forest, fan-out {fan_out}"),
+            Blocking::Levels { .. } => "levels".to_owned(),
+        };
+        // On a logarithmic scale there is no zero.
+        let at = (f64::from(measured.slot_bytes.max(1)), measured.budget.bytes_per_frame().max(1.0));
+        match lines.iter_mut().find(|(other, _)| *other == name) {
+            Some((_, points)) => points.push(at),
+            None => lines.push((name, vec![at])),
+        }
+    }
+    lines
+}
+
+fn reads_of_subject<'a>(
+    subject: &blocking::Subject,
+    panel: &DrawingArea<SVGBackend<'a>, plotters::coord::Shift>,
+) -> Result<()> {
+    let lines = reads_lines(subject);
+    let all = || lines.iter().flat_map(|(_, points)| points);
+    let around = |values: &mut dyn Iterator<Item = f64>, by: f64| {
+        let (least, most) = values.fold((f64::INFINITY, 0.0_f64), |(least, most), at| (least.min(at), most.max(at)));
+        if most > 0.0 { least / by..most * by } else { 1.0..1024.0 }
+    };
+    let slots = around(&mut all().map(|at| at.0), 1.3);
+    let bytes = around(&mut all().map(|at| at.1), 1.5);
+    let mut chart = ChartBuilder::on(panel)
+        .caption(&subject.name, (FONT, 18))
+        .margin(16)
+        .x_label_area_size(48)
+        .y_label_area_size(90)
+        .build_cartesian_2d(slots.log_scale().base(2.0), bytes.log_scale().base(2.0))
+        .map_err(drawing)?;
+    chart
+        .configure_mesh()
+        .x_desc("place holder")
+        .y_desc("read in a frame")
+        .x_label_formatter(&|bytes| ByteSize(*bytes as u64).to_string())
+        .y_label_formatter(&|bytes| ByteSize(*bytes as u64).to_string())
+        .label_style((FONT, 15))
+        .draw()
+        .map_err(drawing)?;
+    for (number, (name, mut points)) in lines.into_iter().enumerate() {
+        let colour = colour(number);
+        points.sort_by(|left, right| left.0.total_cmp(&right.0));
+        let dots: Vec<_> = points.iter().map(|at| Circle::new(*at, 4, colour.filled())).collect();
+        chart
+            .draw_series(LineSeries::new(points, colour.stroke_width(2)))
+            .map_err(drawing)?
+            .label(name)
+            .legend(move |(x, y)| PathElement::new([(x, y), (x + 24, y)], colour.stroke_width(2)));
+        chart.draw_series(dots).map_err(drawing)?;
+    }
+    draw_legend(&mut chart, SeriesLabelPosition::UpperRight)
 }
 
 /// A name that fits beside its bar.

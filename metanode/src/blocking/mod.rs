@@ -202,7 +202,7 @@ mod tests {
     fn a_blocking_is_written_as_it_is_read() {
         let forest = |slot_bytes, fan_out| Blocking::Forest { slot_bytes, fan_out };
         for (text, blocking) in [
-            ("forest:32K,8", Blocking::default()),
+            ("forest:16K,8", Blocking::default()),
             ("forest:4100,3", forest(4100, 3)),
             ("forest:1024K,256", forest(1 << 20, 256)),
             ("levels:5", Blocking::Levels { levels: 5 }),

@@ -1,177 +1,166 @@
-//! Writes a blocked tree as a model file.
+//! What the decoded pages of a blocked tree must hold, and what a model file says of them.
 //!
-//! The sizes of all pages follow from their counts, so every offset is known before the first byte is written, and the
-//! file is written from front to back. It appears under its name whole or not at all. Its bytes are a function of the
-//! tree and the options: no time, path or thread has a part in them.
+//! Slow and obvious: every page is put together from the whole tree in memory. Bytes and places in the file are not its
+//! business: those follow from the coded pages.
 //!
-//! Memory besides the tree and its blocking ([`crate::blocking`]): 8 bytes for each page, up to 8 for each root of the
-//! pages of one level, 76 for each tree, and one page.
+//! Memory: the tree once more.
 
-use std::collections::VecDeque;
-use std::path::Path;
-use std::sync::Arc;
+use std::collections::{BTreeSet, VecDeque};
 
-use storage::{AtomicFile, Disk};
-use vdt::tree::{NO_SPLIT, Split, Tree};
+use vdt::tree::{NO_SPLIT, Normal, Split, Tree};
 
 use super::{self as blocking, Block, Blocks};
-use crate::header::{HEADER_BYTES, Header, LARGEST_SLOT_BYTES, ModelRoot, ROOT_PAGE_WORDS, ROOT_WORDS};
-use crate::page::{ChildEntry, NONE_32, PageLocation, PageParts, Record, Target, encoded, encoded_length};
+use crate::blocking::BlockingError;
+use crate::header::Blocking;
+use crate::model::Model;
+use crate::page::{ChildEntry, NONE_32, Page, PageLocation, Record, Target};
+use crate::testing::is_cone_of;
+use crate::write::ModelSummary;
 
-use crate::write::{ModelOptions, ModelSummary, WriteError};
-
-/// Writes `tree` to the model file `path`, replacing what was there.
-pub fn write_model(
-    disk: Arc<dyn Disk>,
-    path: &Path,
-    tree: &Tree,
-    options: &ModelOptions,
-) -> Result<ModelSummary, WriteError> {
-    let blocks = blocking::block(tree, options.blocking)?;
-    let layout = Layout::of(tree, &blocks)?;
-    let header = header(tree, &blocks, &layout, options);
-    let mut file = AtomicFile::create(disk, path)?;
-    file.append(&header.to_bytes())?;
-    file.append(&tables(tree, &blocks, &layout))?;
-    let mut pages = Pages { tree, blocks: &blocks, layout: &layout, waiting: VecDeque::new() };
-    for (number, page) in (0..).zip(&blocks.pages) {
-        file.append(&encoded(&pages.parts(number, page)))?;
-    }
-    file.commit()?;
-
-    let decoded = blocks.pages.iter().map(|page| page.counts().decoded_bytes() as u64).sum();
-    Ok(ModelSummary::of(&header, decoded))
+/// What a page must hold once it is decoded.
+#[derive(Debug)]
+pub struct ExpectedPage {
+    /// Its counts, its parent and its children by number.
+    pub block: Block,
+    /// The leaves under its roots.
+    pub leaf_interval: (u32, u32),
+    /// In order; the radii and cones of the entries are those of the tree.
+    pub records: Vec<ExpectedRecord>,
 }
 
-/// Where everything will lie.
-struct Layout {
-    pages_offset: u64,
-    /// Byte offset of each page, and the length of the file.
-    offsets: Vec<u64>,
-    slot_bytes: u32,
+/// A record that a page must hold.
+#[derive(Debug)]
+pub struct ExpectedRecord {
+    /// The split.
+    pub record: Record,
+    /// Its triangles.
+    pub triangles: Vec<[u32; 3]>,
+    /// The normal where its node stands, and whether the surface there is inward.
+    pub normal: Normal,
+    pub is_inward: bool,
 }
 
-impl Layout {
-    fn of(tree: &Tree, blocks: &Blocks) -> Result<Self, WriteError> {
-        let tables = tree.roots.len() * ROOT_WORDS * 4 + blocks.root_pages as usize * ROOT_PAGE_WORDS * 4 + 4;
-        let pages_offset = (HEADER_BYTES + tables) as u64;
-        let mut offsets = Vec::with_capacity(blocks.pages.len() + 1);
-        let (mut offset, mut slot_bytes) = (pages_offset, 0);
-        for (page, block) in (0..).zip(&blocks.pages) {
-            let bytes = block.counts().decoded_bytes() as u64;
-            slot_bytes = match u32::try_from(bytes) {
-                Ok(bytes) if bytes <= LARGEST_SLOT_BYTES => bytes.max(slot_bytes),
-                _ => {
-                    let (splits, triangles) = (block.record_count, block.triangle_count);
-                    return Err(WriteError::PageTooLarge { leaf: page, bytes, splits, triangles });
-                }
-            };
-            offsets.push(offset);
-            offset += encoded_length(block.counts()) as u64;
-        }
-        offsets.push(offset);
-        Ok(Layout { pages_offset, offsets, slot_bytes })
-    }
-
-    fn location(&self, number: u32) -> PageLocation {
-        let offset = self.offsets[number as usize];
-        PageLocation { number, offset, length: (self.offsets[number as usize + 1] - offset) as u32 }
-    }
-
-    fn file_length(&self) -> u64 {
-        self.offsets.last().copied().unwrap_or(self.pages_offset)
-    }
+/// What a model must hold.
+#[derive(Debug)]
+pub struct Expected {
+    blocks: Blocks,
+    pages: Vec<ExpectedPage>,
+    /// The page and record of each tree's root: trees begin in any page.
+    places: Vec<(u32, u16)>,
+    /// The pages, but for root pages, on the way down to those.
+    ways: BTreeSet<u32>,
 }
 
-fn header(tree: &Tree, blocks: &Blocks, layout: &Layout, options: &ModelOptions) -> Header {
-    let page_count = blocks.pages.len() as u32;
-    let mut minimum = tree.positions.first().copied().unwrap_or_default();
-    let mut maximum = minimum;
-    for position in &tree.positions {
-        for axis in 0..3 {
-            // Not `f32::min`, which may take either of 0.0 and -0.0.
-            if position[axis] < minimum[axis] {
-                minimum[axis] = position[axis];
-            }
-            if position[axis] > maximum[axis] {
-                maximum[axis] = position[axis];
-            }
-        }
-    }
-    let switches = tree.roots.iter().map(|root| tree.splits[root.split as usize].switch);
-    Header {
-        leaf_count: tree.leaf_count() as u32,
-        triangle_count: tree.triangles.corners.len() as u32,
-        split_count: blocks.order.len() as u32,
-        root_count: tree.roots.len() as u32,
-        page_count,
-        root_page_count: blocks.root_pages,
-        slot_bytes: layout.slot_bytes,
-        largest_page_bytes: if page_count == 0 { 0 } else { layout.slot_bytes + 4 },
-        page_levels: blocks.pages.last().map_or(0, |page| page.level),
-        origin: tree.origin,
-        minimum,
-        maximum,
-        largest_switch: switches.fold(0.0, f32::max),
-        metric: options.metric,
-        strategy: options.strategy,
-        error_bound: options.error_bound,
-        input_error: options.input_error,
-        blocking: options.blocking,
-        roots_offset: HEADER_BYTES as u64,
-        pages_offset: layout.pages_offset,
-        file_length: layout.file_length(),
-    }
-}
-
-/// The root table and the root page table, with their checksum.
-fn tables(tree: &Tree, blocks: &Blocks, layout: &Layout) -> Vec<u8> {
-    // The page and record of each tree's root: trees begin in any page.
+/// What a model of `tree` must hold, blocked as asked.
+pub fn expected(tree: &Tree, blocking: Blocking) -> Result<Expected, BlockingError> {
+    let blocks = blocking::block(tree, blocking)?;
     let mut places = vec![(0, 0); tree.roots.len()];
+    let mut ways = BTreeSet::new();
     for (number, page) in (0..).zip(&blocks.pages) {
         for (record, split) in (0..).zip(blocks.page_roots(page)) {
             if let Some(index) = blocking::tree_of_root(tree, *split) {
                 places[index] = (number, record);
+                let mut above = number;
+                while above >= blocks.root_pages {
+                    ways.insert(above);
+                    above = blocks.pages[above as usize].parent;
+                }
             }
         }
     }
-    let mut words = Vec::with_capacity(tree.roots.len() * ROOT_WORDS + blocks.root_pages as usize * ROOT_PAGE_WORDS);
-    for (root, (page, record)) in tree.roots.iter().zip(places) {
-        let split = &tree.splits[root.split as usize];
-        let root = ModelRoot {
-            start: root.start,
-            end: root.end,
-            position: tree.positions[root.start as usize],
-            id: split.id,
-            switch: split.switch,
-            radius: split.radius,
-            cone: split.cone,
-            record,
-            page: layout.location(page),
-        };
-        words.extend(root.to_words());
-    }
-    for number in 0..blocks.root_pages {
-        let PageLocation { number, offset, length } = layout.location(number);
-        words.extend([number, offset as u32, (offset >> 32) as u32, length]);
-    }
-    let mut bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
-    let checksum = crc32fast::hash(&bytes);
-    bytes.extend(checksum.to_le_bytes());
-    bytes
+    let mut pages = Pages { tree, blocks: &blocks, waiting: VecDeque::new() };
+    let pages = blocks.pages.iter().map(|page| pages.expected(page)).collect();
+    Ok(Expected { blocks, pages, places, ways })
 }
 
-/// Puts the parts of the pages together, in the order of their numbers.
+impl Expected {
+    /// Whether `model`, with these decoded pages, is what it must be; what is not.
+    pub fn compare(&self, model: &Model, pages: &[(PageLocation, Page)], summary: ModelSummary) -> Result<(), String> {
+        let same = |what: &str, one: &dyn std::fmt::Debug, other: &dyn std::fmt::Debug| {
+            let (one, other) = (format!("{one:?}"), format!("{other:?}"));
+            if one == other { Ok(()) } else { Err(format!("{what}: {one} for {other}")) }
+        };
+        let header = model.header();
+        let blocks = &self.blocks;
+        let slot_bytes = blocks.pages.iter().map(|page| page.counts().decoded_bytes()).max().unwrap_or(0);
+        let decoded = blocks.pages.iter().map(|page| page.counts().decoded_bytes() as u64).sum();
+        let levels = blocks.pages.iter().map(|page| page.level).max().unwrap_or(0);
+        same("pages", &header.page_count, &blocks.pages.len())?;
+        same("root pages", &header.root_page_count, &blocks.root_pages)?;
+        same("levels", &header.page_levels, &levels)?;
+        same("slot", &header.slot_bytes, &slot_bytes)?;
+        same("summary", &summary, &ModelSummary::of(header, decoded))?;
+        let largest = pages.iter().map(|(location, _)| location.length).max().unwrap_or(0);
+        same("largest page", &header.largest_page_bytes, &largest)?;
+        let places: Vec<(u32, u16)> = model.roots().iter().map(|root| (root.page.number, root.record)).collect();
+        same("places of roots", &places, &self.places)?;
+        let ways: Vec<(u32, u32)> = model.ways().iter().map(|way| (way.page.number, way.parent)).collect();
+        let due: Vec<(u32, u32)> =
+            self.ways.iter().map(|number| (*number, blocks.pages[*number as usize].parent)).collect();
+        same("ways", &ways, &due)?;
+        let mut offset = header.pages_offset;
+        for (number, (location, page)) in pages.iter().enumerate() {
+            same("offset", &location.offset, &offset)?;
+            offset += u64::from(location.length);
+            self.pages[number].compare(page).map_err(|problem| format!("page {number}: {problem}"))?;
+        }
+        same("end", &header.file_length, &offset)
+    }
+}
+
+impl ExpectedPage {
+    fn compare(&self, page: &Page) -> Result<(), String> {
+        let block = &self.block;
+        if page.counts() != block.counts() {
+            return Err(format!("{:?} for {:?}", page.counts(), block.counts()));
+        }
+        let parent = (block.parent != NONE_32).then_some(block.parent);
+        let first_child = page.children().next().map_or(0, |child| child.number);
+        let found = (page.parent(), page.root_count(), page.leaf_interval(), first_child);
+        let due = (parent, block.root_count as usize, self.leaf_interval, block.first_child);
+        if found != due {
+            return Err(format!("{found:?} for {due:?}"));
+        }
+        for (index, expected) in (0..).zip(&self.records) {
+            let Some(found) = page.record(index) else { return Err(format!("no record {index}")) };
+            let due = &expected.record;
+            let normals = [expected.normal, due.normal];
+            for ((entry, expected_entry), normal) in
+                [(found.kept, due.kept), (found.born, due.born)].into_iter().zip(normals)
+            {
+                let is_there = match (entry, expected_entry) {
+                    (None, None) => true,
+                    (Some(found), Some(due)) => {
+                        let plain = ChildEntry { radius: due.radius, cone: due.cone, ..found };
+                        let has_cone = is_cone_of(found.cone, due.cone, normal, expected.is_inward);
+                        plain == due && found.radius >= due.radius && has_cone
+                    }
+                    _ => false,
+                };
+                if !is_there {
+                    return Err(format!("record {index}: {entry:?} for {expected_entry:?}"));
+                }
+            }
+            let plain = Record { kept: due.kept, born: due.born, ..found };
+            let triangles: Vec<[u32; 3]> = page.triangles(index).collect();
+            if plain != *due || triangles != expected.triangles {
+                return Err(format!("record {index}: {plain:?} with {triangles:?} for {expected:?}"));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Puts the pages together, in the order of their numbers.
 struct Pages<'a> {
     tree: &'a Tree,
     blocks: &'a Blocks,
-    layout: &'a Layout,
     /// The leaves under the roots of the pages to come, for those roots that have a parent, in the order of the pages.
     waiting: VecDeque<(u32, u32)>,
 }
 
 impl Pages<'_> {
-    fn parts(&mut self, number: u32, page: &Block) -> PageParts {
+    fn expected(&mut self, page: &Block) -> ExpectedPage {
         let splits = self.blocks.records(page);
         let page_roots = self.blocks.page_roots(page);
         // The leaves under each record. Breadth-first, so the next record that is not a root belongs to the next child
@@ -200,23 +189,19 @@ impl Pages<'_> {
             };
             let (kept, born) = (entry(node.kept, (start, split)), entry(node.born, (split, end)));
             let position = self.tree.positions[split as usize];
-            let triangles = self.tree.triangles.of(split).to_vec();
-            records.push((Record { born_leaf: split, position, kept, born }, triangles));
+            let tree = self.tree.roots.partition_point(|root| root.end <= start);
+            let root = &self.tree.roots[tree];
+            let at_start = if start == root.start { root.normal } else { self.tree.splits[start as usize].normal };
+            records.push(ExpectedRecord {
+                record: Record { born_leaf: split, position, normal: node.normal, kept, born },
+                triangles: self.tree.triangles.of(split).to_vec(),
+                normal: at_start,
+                is_inward: root.is_inward,
+            });
         }
         frontier.sort_unstable();
         self.waiting.extend(frontier);
-        let children = page.first_child..page.first_child + page.child_count;
-        let has_children = !children.is_empty();
-        PageParts {
-            number,
-            parent: (page.parent != NONE_32).then_some(page.parent),
-            root_count: page.root_count as u16,
-            leaf_interval,
-            first_child: page.first_child,
-            first_child_offset: if has_children { self.layout.location(page.first_child).offset } else { 0 },
-            child_lengths: children.map(|child| self.layout.location(child).length).collect(),
-            records,
-        }
+        ExpectedPage { block: *page, leaf_interval, records }
     }
 
     /// The leaves under a root of the page that is being put together.

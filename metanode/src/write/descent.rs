@@ -5,15 +5,15 @@
 //! the first levels end depends on the tree alone. Within a level pages are visited from left to right, in either part.
 
 use std::borrow::Cow;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use vdt::workers;
 
 use crate::blocking::{BlockingError, Filled, Filler};
 use crate::leaf_order::{Nodes, Subtree};
-use crate::page::NONE_32;
 
 use super::WriteError;
+use super::gather::{Ancestor, Position};
 
 /// From so many pages in a level on, they are shared out.
 const JOBS: usize = 8;
@@ -23,10 +23,8 @@ const MOST_JOBS: usize = 256;
 /// What a page is handed.
 #[derive(Debug)]
 pub(super) struct Handed {
-    /// Level of the page in the page tree; root pages are on level 1.
-    pub level: u32,
-    /// The number of its parent, or [`NONE_32`].
-    pub parent: u32,
+    /// Where the page is.
+    pub position: Position,
     /// The subtrees, by ascending leaf.
     pub subtrees: Vec<Subtree>,
 }
@@ -42,15 +40,14 @@ pub(super) trait Visitor<'a> {
     /// Splits of the pages that it has visited.
     fn splits(&self) -> u64;
 
-    /// Visits a page of a level. `children` are the subtrees at the roots of each of its child pages. Returns the number
-    /// of the page, if the visitor knows.
+    /// Visits a page. `children` are the subtrees at the roots of each of its child pages. Returns the page as their
+    /// ancestor, if there are any.
     fn page(
         &mut self,
-        level: u32,
-        parent: u32,
+        position: &Position,
         page: &Filled,
         children: &[Cow<'_, [Subtree]>],
-    ) -> Result<u32, WriteError>;
+    ) -> Result<Option<Arc<Ancestor>>, WriteError>;
 }
 
 /// Visits the first levels. Returns the jobs: neighbouring pages of the next level, from left to right.
@@ -59,8 +56,8 @@ pub(super) fn first_levels<'a>(
     filler: Filler,
     root_groups: Vec<Vec<Subtree>>,
 ) -> Result<Vec<Vec<Handed>>, WriteError> {
-    let root_page = |subtrees| Handed { level: 1, parent: NONE_32, subtrees };
-    let mut level: Vec<Handed> = root_groups.into_iter().map(root_page).collect();
+    let root_page = |(number, subtrees)| Handed { position: Position { level: 1, number, above: None }, subtrees };
+    let mut level: Vec<Handed> = (0..).zip(root_groups).map(root_page).collect();
     while level.len() < JOBS && !level.is_empty() {
         let mut next = Vec::new();
         for handed in level {
@@ -114,13 +111,21 @@ fn visit<'a>(
     filler: Filler,
     handed: Handed,
 ) -> Result<impl DoubleEndedIterator<Item = Handed>, WriteError> {
-    let Handed { level, parent, subtrees } = handed;
-    let page = visitor.fill(filler, level, subtrees)?;
+    let Handed { position, subtrees } = handed;
+    let page = visitor.fill(filler, position.level, subtrees)?;
     let children = page.groups.iter().map(|group| roots(visitor.nodes(), filler, group));
     let children = children.collect::<Result<Vec<_>, _>>()?;
-    let number = visitor.page(level, parent, &page, &children)?;
+    let above = visitor.page(&position, &page, &children)?;
     drop(children);
-    Ok(page.groups.into_iter().map(move |subtrees| Handed { level: level + 1, parent: number, subtrees }))
+    let first = above.as_ref().map_or(0, |ancestor| ancestor.first_child());
+    Ok((first..)
+        .zip(page.groups)
+        .map(move |(number, subtrees)| Handed {
+            position: Position { level: position.level + 1, number, above: above.clone() },
+            subtrees,
+        })
+        .collect::<Vec<_>>()
+        .into_iter())
 }
 
 /// The subtrees at the roots of a page that is handed these. All of them but perhaps whole trees, which may be left to its

@@ -8,8 +8,8 @@
 //! - *Mean and root mean square* are over the area, by samples that are spread evenly over it.
 //! - *The maximum* is found by looking at the samples, at the vertices, and then closer where it may be larger. What is
 //!   told is a distance that was found at a point that is told, too; the true maximum is no smaller, and no larger than the
-//!   bound beside it. That is mostly a thousandth more. The search is limited, and the bound is larger where very many
-//!   places are as far apart as each other, or where surfaces that lie on each other are cut into triangles differently.
+//!   bound beside it. That is mostly a thousandth more. The search is limited: where very many places are as far apart as
+//!   each other it may end early, which is told, and the bound is larger.
 //!
 //! The same meshes and number of samples give the same figures bit by bit, whatever the memory and threads.
 //!

@@ -8,12 +8,12 @@
 //!
 //! Jobs are of a fixed size, and their sums are added in order: what comes out does not depend on the threads.
 //!
-//! Memory: for each thread 150 KB of triangles, 150 KB of open ones, and its share of the caches. I/O: the triangles and
+//! Memory: for each thread 150 KB of triangles, 200 KB of open ones, and its share of the caches. I/O: the triangles and
 //! the vertices of the first surface once or twice, and what the caches of the second miss.
 
 use storage::StorageError;
 
-use super::refine::{Farthest, Open, OpenSet, halve};
+use super::refine::{Farthest, Open, OpenSet, cut};
 use super::samples::for_each_sample;
 use super::surface::{CHUNK, Corners, Surface, exact};
 use super::target::{Searcher, Target};
@@ -44,6 +44,9 @@ pub struct OneSided {
     pub max_at: [f64; 3],
     /// The true maximum is no larger than this, up to rounding.
     pub max_at_most: f64,
+    /// Whether the search for the maximum came to its end: then `max_at_most` is larger by a thousandth at most, or by
+    /// 1e-9 of the surface's diagonal. Else it was ended after as many searches as there may be.
+    pub is_max_settled: bool,
 }
 
 /// How to measure.
@@ -137,6 +140,7 @@ pub fn one_sided(
         max: best.distance,
         max_at: std::array::from_fn(|axis| best.at[axis] + target.surface.origin[axis]),
         max_at_most,
+        is_max_settled: max_at_most <= best.enough(surface.diagonal()),
     })
 }
 
@@ -221,9 +225,9 @@ impl Worker<'_> {
             best.include(middle);
             last = Some(middle);
             let allowed = searches / PART_FOR_ONE;
-            let halved = halve(vec![whole], allowed, searcher, &mut best, diagonal, |piece| open.add(piece))?;
-            open.settle(halved.settled);
-            searches -= halved.searches.min(searches);
+            let outcome = cut(vec![whole], allowed, searcher, &mut best, diagonal, |piece| open.add(piece))?;
+            open.settle(outcome.settled);
+            searches -= outcome.searches.min(searches);
         }
         self.best.include(best);
         Ok(())

@@ -1,4 +1,4 @@
-//! The largest distance, found by branch and bound: triangles that may hold it are halved until it is known.
+//! The largest distance, found by branch and bound: triangles that may hold it are cut until it is known.
 //!
 //! No point of a triangle is farther from the other surface than
 //! - the distance of any point plus the way from there, since a distance changes by no more than the way that one goes;
@@ -7,8 +7,12 @@
 //! The second bound is exact where a triangle has one triangle for its nearest, the first works where there are edges and
 //! gaps below it.
 //!
-//! Memory: a hundred bytes for each triangle that is open, of which there are [`MOST_OPEN`] at first and one more for each
-//! search at most.
+//! Where the part that lies over the nearest triangle is settled by the second bound, that part is cut out, and what lies
+//! beside it goes on. So surfaces that lie on each other are settled after finitely many cuts, however they are cut into
+//! triangles. Elsewhere the longest side is halved.
+//!
+//! Memory: less than two hundred bytes for each triangle that is open, of which there are [`MOST_OPEN`] at first and one
+//! more for each search at most.
 
 use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
@@ -16,7 +20,7 @@ use std::collections::BinaryHeap;
 use storage::StorageError;
 
 use super::target::Searcher;
-use super::triangle::{Triangle, centre, farthest, farthest_corner, halves};
+use super::triangle::{Triangle, centre, cut_around, farthest, farthest_corner, halves};
 use crate::vector::Vector;
 
 /// The open triangles that are looked at closer in the end, at most.
@@ -27,6 +31,9 @@ const MOST_SEARCHES: u64 = 20_000;
 const RELATIVE: f64 = 1e-3;
 /// How well it is to be known at least, relative to the diagonal of the box.
 const OF_DIAGONAL: f64 = 1e-9;
+/// What sticks out less over a side of a triangle is not cut off, relative to the diagonal of the box: well below what the
+/// maximum is known to, so that it is settled as it is.
+const OVERHANG: f64 = OF_DIAGONAL / 4.0;
 
 /// A largest distance, and where it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,6 +69,8 @@ pub(super) struct Open {
     /// Which triangle of the surface it is in.
     pub number: u64,
     pub triangle: Triangle,
+    /// The triangle of the other surface that is nearest to its middle.
+    pub nearest: Triangle,
 }
 
 impl Open {
@@ -78,7 +87,19 @@ impl Open {
         let by_the_way = distance + farthest(at, &triangle);
         let by_one_triangle = farthest_corner(&triangle, &nearest.triangle);
         let bound = bound.min(by_the_way).min(by_one_triangle);
-        Ok((Open { bound, distance, number, triangle }, Farthest { distance, at }))
+        Ok((Open { bound, distance, number, triangle, nearest: nearest.triangle }, Farthest { distance, at }))
+    }
+
+    /// Cuts the triangle in pieces. Where what lies over the nearest triangle is no farther than `enough`, it is no piece;
+    /// what no point of it exceeds is told.
+    fn cut(&self, enough: f64, diagonal: f64) -> (Vec<Triangle>, Option<f64>) {
+        if let Some((over, beside)) = cut_around(&self.triangle, &self.nearest, OVERHANG * diagonal) {
+            let bound = farthest_corner(&over, &self.nearest);
+            if bound <= enough {
+                return (beside, Some(bound));
+            }
+        }
+        (halves(&self.triangle).to_vec(), None)
     }
 }
 
@@ -119,46 +140,48 @@ impl PartialOrd for ByDistance {
     }
 }
 
-/// What halving came to.
+/// What cutting came to.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Halved {
+pub(super) struct Outcome {
     /// What no point exceeds of what was settled.
     pub settled: f64,
     /// Searches that it took.
     pub searches: u64,
 }
 
-/// Halves open triangles, those with the largest bounds first, until nothing is open any more or there were so many
+/// Cuts open triangles, those with the largest bounds first, until nothing is open any more or there were so many
 /// searches, or [`MOST_SEARCHES`]; what is left is handed to `leave`.
-pub(super) fn halve(
+pub(super) fn cut(
     open: Vec<Open>,
     allowed: u64,
     searcher: &mut Searcher<'_>,
     best: &mut Farthest,
     diagonal: f64,
     mut leave: impl FnMut(Open),
-) -> Result<Halved, StorageError> {
+) -> Result<Outcome, StorageError> {
     let allowed = allowed.min(MOST_SEARCHES);
     let mut open: BinaryHeap<ByBound> = open.into_iter().map(ByBound).collect();
-    let mut halved = Halved { settled: f64::NEG_INFINITY, searches: 0 };
+    let mut outcome = Outcome { settled: f64::NEG_INFINITY, searches: 0 };
     while let Some(ByBound(worst)) = open.pop() {
         if worst.bound <= best.enough(diagonal) {
             // So are all the others.
-            halved.settled = worst.bound;
+            outcome.settled = outcome.settled.max(worst.bound);
             break;
         }
-        if halved.searches >= allowed {
+        if outcome.searches >= allowed {
             leave(worst);
             continue;
         }
-        for half in halves(&worst.triangle) {
-            let (half, found) = Open::look(searcher, worst.number, half, worst.bound)?;
+        let (pieces, settled) = worst.cut(best.enough(diagonal), diagonal);
+        outcome.settled = outcome.settled.max(settled.unwrap_or(f64::NEG_INFINITY));
+        outcome.searches += pieces.len() as u64;
+        for piece in pieces {
+            let (piece, found) = Open::look(searcher, worst.number, piece, worst.bound)?;
             best.include(found);
-            open.push(ByBound(half));
+            open.push(ByBound(piece));
         }
-        halved.searches += 2;
     }
-    Ok(halved)
+    Ok(outcome)
 }
 
 /// The open triangles that look worst: those whose middles are the farthest. Which they are does not depend on the order
@@ -202,7 +225,7 @@ impl OpenSet {
         let mut others = self.others;
         let open = self.kept.into_iter().map(|Reverse(ByDistance(open))| open).collect();
         let leave = |open: Open| others = others.max(open.bound);
-        let halved = halve(open, MOST_SEARCHES, searcher, best, diagonal, leave)?;
-        Ok(others.max(halved.settled).max(best.distance))
+        let outcome = cut(open, MOST_SEARCHES, searcher, best, diagonal, leave)?;
+        Ok(others.max(outcome.settled).max(best.distance))
     }
 }

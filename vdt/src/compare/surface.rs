@@ -15,7 +15,7 @@ use storage::{ByteSize, Disk, Scratch, SpoolReader, StorageError};
 use super::records::{Records, RecordsWriter, Window};
 use super::triangle::{Triangle, area, length, longest_side};
 use super::{CompareError, Resources};
-use crate::ingest::{self, IngestPlan, StoredMesh};
+use crate::ingest::{self, IngestPlan, PositionsRule, StoredMesh};
 use crate::vector::Vector;
 
 /// Triangles that are handled together: what is computed does not depend on memory or threads, so they are always as many.
@@ -66,7 +66,7 @@ impl Surface {
     /// Those of [`ingest::store`]; [`CompareError::Empty`] where no triangle has three different corners.
     pub fn read(disk: &dyn Disk, path: &Path, resources: &Resources<'_>) -> Result<Self, CompareError> {
         let Resources { scratch, memory, threads } = *resources;
-        let plan = IngestPlan { memory, threads, block_triangles: u64::MAX };
+        let plan = IngestPlan { memory, threads, block_triangles: u64::MAX, positions: PositionsRule::LOSSLESS };
         let paths: [PathBuf; 1] = [path.to_path_buf()];
         let mesh = ingest::store(disk, scratch, &paths, &plan, &mut |_| ())?;
         if mesh.triangles.is_empty() {

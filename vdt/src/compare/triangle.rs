@@ -78,10 +78,10 @@ pub(super) fn farthest(point: Vector, triangle: &Triangle) -> f64 {
     triangle.iter().map(|corner| length(point, *corner)).fold(0.0, f64::max)
 }
 
-/// The largest distance of a corner of `triangle` from `other`. The distance from a convex set is convex, so no point of
-/// the triangle is farther from it.
-pub(super) fn farthest_corner(triangle: &Triangle, other: &Triangle) -> f64 {
-    triangle.iter().map(|corner| squared_distance(*corner, other)).fold(0.0, f64::max).sqrt()
+/// The largest distance of a corner of a convex polygon from `other`. The distance from a convex set is convex, so no point
+/// of the polygon is farther from it.
+pub(super) fn farthest_corner(polygon: &[Vector], other: &Triangle) -> f64 {
+    polygon.iter().map(|corner| squared_distance(*corner, other)).fold(0.0, f64::max).sqrt()
 }
 
 /// The two halves of a triangle, cut in the middle of its longest side.
@@ -97,6 +97,67 @@ pub(super) fn halves(triangle: &Triangle) -> [Triangle; 2] {
     let [a, b, c] = [0, 1, 2].map(|corner| triangle[(first + corner) % 3]);
     let middle = between(a, b, 0.5);
     [[a, middle, c], [middle, b, c]]
+}
+
+/// Cuts a triangle by the planes through the sides of another that are orthogonal to that one. Returns the convex polygon
+/// that lies over the other one, up to a `tolerance`, and triangles that hold all the rest. `None` where no part of it lies
+/// over the other one, or that one has no area.
+pub(super) fn cut_around(
+    triangle: &Triangle,
+    other: &Triangle,
+    tolerance: f64,
+) -> Option<(Vec<Vector>, Vec<Triangle>)> {
+    let [a, b, c] = *other;
+    let normal = cross(minus(b, a), minus(c, a));
+    let mut sides = vec![(a, b), (b, c), (c, a)];
+    let (mut over, mut beside) = (triangle.to_vec(), Vec::new());
+    while !sides.is_empty() {
+        // The one that a corner is farthest outside of comes first: it cuts off the most.
+        let mut heights: Vec<Vec<f64>> = Vec::with_capacity(sides.len());
+        for (from, to) in &sides {
+            let outward = cross(minus(*to, *from), normal);
+            let scale = dot(outward, outward).sqrt();
+            if scale <= 0.0 {
+                return None;
+            }
+            heights.push(over.iter().map(|corner| dot(minus(*corner, *from), outward) / scale).collect());
+        }
+        let largest = heights.iter().map(|heights| heights.iter().copied().fold(f64::NEG_INFINITY, f64::max));
+        let (side, outside) = largest.enumerate().max_by(|left, right| left.1.total_cmp(&right.1))?;
+        if outside <= tolerance {
+            break;
+        }
+        let (heights, _) = (heights.swap_remove(side), sides.swap_remove(side));
+        if heights.iter().all(|height| *height >= -tolerance) {
+            return None;
+        }
+        let (inner, outer) = split(&over, &heights, tolerance);
+        beside.extend((2..outer.len()).map(|corner| [outer[0], outer[corner - 1], outer[corner]]));
+        over = inner;
+    }
+    Some((over, beside))
+}
+
+/// Splits a convex polygon by a plane: what lies below it and what lies above, by the heights of the corners. A corner that
+/// is within the tolerance of the plane belongs to both.
+fn split(polygon: &[Vector], heights: &[f64], tolerance: f64) -> (Vec<Vector>, Vec<Vector>) {
+    let (mut below, mut above) = (Vec::with_capacity(polygon.len() + 1), Vec::with_capacity(polygon.len() + 1));
+    for (corner, height) in heights.iter().enumerate() {
+        let next = (corner + 1) % polygon.len();
+        if *height <= tolerance {
+            below.push(polygon[corner]);
+        }
+        if *height >= -tolerance {
+            above.push(polygon[corner]);
+        }
+        let ends = [*height, heights[next]];
+        if ends.iter().all(|end| end.abs() > tolerance) && (ends[0] > 0.0) != (ends[1] > 0.0) {
+            let crossing = between(polygon[corner], polygon[next], ends[0] / (ends[0] - ends[1]));
+            below.push(crossing);
+            above.push(crossing);
+        }
+    }
+    (below, above)
 }
 
 /// Area of a triangle.
@@ -166,6 +227,55 @@ mod tests {
             prop_assert!(squared_distance(middle, &triangle).sqrt() < 1e-12);
             prop_assert!(length(middle, point) <= distance + 2.0 * radius + 1e-12);
         }
+    }
+
+    proptest! {
+        /// The parts hold the whole triangle and no more, and what lies over the other triangle does.
+        #[test]
+        fn what_is_cut_around_a_triangle_is_all_there(
+            triangle in prop::array::uniform3(prop::array::uniform3(coordinate())),
+            other in prop::array::uniform3(prop::array::uniform3(coordinate())),
+            is_flat: bool,
+            weights in prop::collection::vec((0.0..1.0, 0.0..1.0), 20),
+        ) {
+            let flat = |corner: Vector| [corner[0], corner[1], if is_flat { 0.0 } else { corner[2] }];
+            let (triangle, other) = (triangle.map(flat), other.map(flat));
+            let Some((over, beside)) = cut_around(&triangle, &other, 1e-9) else { return Ok(()) };
+            let fan = (2..over.len()).map(|corner| [over[0], over[corner - 1], over[corner]]);
+            let parts: Vec<Triangle> = fan.chain(beside).collect();
+            let all: f64 = parts.iter().map(area).sum();
+            prop_assert!((all - area(&triangle)).abs() < 1e-7, "{} {}", all, area(&triangle));
+            for (u, v) in weights {
+                let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+                let [a, b, c] = triangle;
+                let point: Vector = std::array::from_fn(|axis| a[axis] + (b[axis] - a[axis]) * u + (c[axis] - a[axis]) * v);
+                let nearest = parts.iter().map(|part| squared_distance(point, part)).fold(f64::INFINITY, f64::min);
+                prop_assert!(nearest.sqrt() < 1e-8, "{}", nearest.sqrt());
+            }
+            let normal = cross(minus(other[1], other[0]), minus(other[2], other[0]));
+            let scale = dot(normal, normal).sqrt();
+            if scale > 1e-3 {
+                for corner in over {
+                    let height = dot(minus(corner, other[0]), normal).abs() / scale;
+                    let distance = squared_distance(corner, &other).sqrt();
+                    prop_assert!((distance - height).abs() < 1e-6, "{} {}", distance, height);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_triangle_around_another_is_cut_along_its_three_sides() {
+        let large = [[-4.0, -4.0, 1.0], [6.0, -4.0, 1.0], [-4.0, 6.0, 1.0]];
+        let small = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let (over, beside) = cut_around(&large, &small, 1e-9).unwrap();
+        assert_eq!(farthest_corner(&over, &small), 1.0);
+        assert_eq!((over.len(), beside.iter().map(area).sum::<f64>()), (3, 49.5));
+        let (over, beside) = cut_around(&small, &large, 1e-9).unwrap();
+        assert_eq!((over, beside.len()), (small.to_vec(), 0));
+        // Beside it, and a triangle without area.
+        assert_eq!(cut_around(&small.map(|[x, y, z]| [x + 2.0, y, z]), &small, 1e-9), None);
+        assert_eq!(cut_around(&large, &[small[0], small[1], small[1]], 1e-9), None);
     }
 
     #[test]

@@ -1,53 +1,104 @@
 //! The canonical form of a mesh that fits in RAM: the slow obvious way, by which [`super::store`] is judged.
 //!
-//! Memory: 24 bytes for each vertex and 12 for each triangle of the file, 20 more for each vertex while it is sorted; and
+//! Memory: 48 bytes for each vertex and 12 for each triangle of the file; or 56 for each vertex while it is sorted; and
 //! where there are triangles without area, a table of all edges.
 
 use std::cmp::Ordering;
 use std::collections::HashSet;
 
-use super::frame::{Bounds, Grid, Rounding, local, local_origin};
-use super::{CleaningCounts, CoreMesh};
-use crate::vector::{length, length_not_below, minus};
+use thiserror::Error;
+
+use super::frame::{Bounds, Frame, Grid, Rounding};
+use super::lattice::{OwnLattice, choose};
+use super::segments::{between, farthest};
+use super::{CleaningCounts, CoreMesh, PositionsRule};
+use crate::vector::length_not_below;
 
 fn compare_positions(left: &[f32; 3], right: &[f32; 3]) -> Ordering {
     let axis = |axis: usize| left[axis].total_cmp(&right[axis]);
     axis(0).then_with(|| axis(1)).then_with(|| axis(2))
 }
 
-/// Brings a mesh as read into canonical form. `triangles` name vertices that exist. The error is the number of a
-/// vertex that is too large for single precision.
+/// Why a mesh has no canonical form.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+#[non_exhaustive]
+pub enum FrameError {
+    /// A vertex is too large for single precision.
+    #[error("vertex {vertex}: the coordinates are too large for single precision")]
+    TooLarge {
+        /// Its number.
+        vertex: usize,
+    },
+    /// There is no lattice of so many bits.
+    #[error("there is no lattice of {bits} bits over an axis of length {extent:e}")]
+    Lattice {
+        /// The bits asked for.
+        bits: u8,
+        /// How long the longest axis is, in mesh units.
+        extent: f64,
+    },
+}
+
+/// Brings a mesh as read into canonical form, with every position as it is. `triangles` name vertices that exist.
+///
+/// # Errors
+///
+/// [`FrameError::TooLarge`].
 pub fn canonical(
+    positions: Vec<[f64; 3]>,
+    triangles: Vec<[u32; 3]>,
+    cleaning: CleaningCounts,
+) -> Result<CoreMesh, FrameError> {
+    canonical_as(PositionsRule::LOSSLESS, positions, triangles, cleaning)
+}
+
+/// Brings a mesh as read into canonical form, with positions kept by this rule. `triangles` name vertices that exist.
+///
+/// # Errors
+///
+/// Those of [`FrameError`].
+pub fn canonical_as(
+    rule: PositionsRule,
     positions: Vec<[f64; 3]>,
     mut triangles: Vec<[u32; 3]>,
     mut cleaning: CleaningCounts,
-) -> Result<CoreMesh, usize> {
+) -> Result<CoreMesh, FrameError> {
     // Vertices that no face names must not move the box: one format keeps them, another does not.
     let mut named = vec![false; positions.len()];
     triangles.iter().flatten().for_each(|corner| named[*corner as usize] = true);
     let named_positions = positions.iter().zip(&named).filter(|(_, named)| **named).map(|(position, _)| *position);
-    let origin = local_origin(&Bounds::of(named_positions));
-    let mut locals: Vec<[f32; 3]> = Vec::with_capacity(positions.len());
-    let mut rounding = Rounding::default();
-    for (index, position) in positions.iter().enumerate() {
-        let in_frame = local(*position, origin);
-        if named[index] && !in_frame.iter().all(|value| value.is_finite()) {
-            return Err(index);
+    let bounds = Bounds::of(named_positions);
+    let single = Frame::single(&bounds);
+    let mut unrounded: Vec<[f32; 3]> = positions.iter().map(|position| single.local(*position)).collect();
+    let mut own = OwnLattice::EMPTY;
+    for (vertex, position) in unrounded.iter().enumerate().filter(|(vertex, _)| named[*vertex]) {
+        if !position.iter().all(|value| value.is_finite()) {
+            return Err(FrameError::TooLarge { vertex });
         }
-        if named[index] {
-            rounding.include(*position, origin, in_frame);
-        }
-        locals.push(in_frame);
+        own.include(*position);
     }
-    drop(positions);
-
-    let named_locals = locals.iter().zip(&named).filter(|(_, named)| **named);
-    let Some(grid) = Grid::of(&Bounds::of(named_locals.map(|(position, _)| position.map(f64::from)))) else {
+    let named_locals = |locals: &[[f32; 3]]| {
+        Bounds::of(locals.iter().zip(&named).filter(|(_, named)| **named).map(|(position, _)| position.map(f64::from)))
+    };
+    if Grid::of(&named_locals(&unrounded)).is_none() {
         // No triangle has three different corners.
         cleaning.degenerate_triangles += triangles.len() as u64;
-        cleaning.isolated_vertices += locals.len() as u64;
+        cleaning.isolated_vertices += unrounded.len() as u64;
         return Ok(CoreMesh { cleaning, ..CoreMesh::default() });
-    };
+    }
+    let choice = choose(rule, single, own.step(), &bounds, triangles.len() as u64)
+        .map_err(|bits| FrameError::Lattice { bits, extent: bounds.largest_extent() })?;
+    let frame = choice.frame;
+    let locals: Vec<[f32; 3]> = positions.iter().map(|position| frame.local(*position)).collect();
+    let mut rounding = Rounding::default();
+    for vertex in (0..positions.len()).filter(|vertex| named[*vertex]) {
+        rounding.include(positions[vertex], &frame, locals[vertex]);
+    }
+    drop(positions);
+    let Some(grid) = Grid::of(&named_locals(&locals)) else { return Ok(CoreMesh { cleaning, ..CoreMesh::default() }) };
+    if !frame.is_on_lattice() {
+        unrounded = Vec::new();
+    }
     let mut order: Vec<(u64, u32)> = (0..locals.len() as u32)
         .filter(|index| named[*index as usize])
         .map(|index| (grid.code(locals[index as usize]), index))
@@ -70,8 +121,17 @@ pub fn canonical(
         }
         renumbered[*index as usize] = welded.len() as u32 - 1;
     }
-    drop(order);
-    drop(locals);
+    if frame.is_on_lattice() {
+        let bits = |index: u32| unrounded[index as usize].map(f32::to_bits);
+        for together in order.chunk_by(|left, right| renumbered[left.1 as usize] == renumbered[right.1 as usize]) {
+            let mut places: Vec<_> = together.iter().map(|(_, index)| bits(*index)).collect();
+            places.sort_unstable();
+            places.dedup();
+            cleaning.fallen_vertices += places.len() as u64 - 1;
+        }
+        cleaning.welded_vertices -= cleaning.fallen_vertices;
+    }
+    drop((order, locals, unrounded));
 
     let (before, mut segments) = (triangles.len(), Vec::new());
     triangles.retain_mut(|corners| {
@@ -95,31 +155,45 @@ pub fn canonical(
     let before = triangles.len();
     triangles.dedup();
     cleaning.duplicate_triangles += (before - triangles.len()) as u64;
-    let lost = reach(&segments, &triangles, &welded);
+    let lost = reach(&segments, &triangles, &welded, frame.is_on_lattice());
     let positions = without_unused(welded, &mut triangles, &mut cleaning);
     triangles.shrink_to_fit();
     let input_error = length_not_below(rounding.largest + lost);
-    Ok(CoreMesh { positions, triangles, origin, exponent: grid.exponent, cleaning, input_error })
+    Ok(CoreMesh {
+        positions,
+        triangles,
+        origin: frame.origin,
+        exponent: grid.exponent,
+        kept_as: choice.positions,
+        lattice_step: choice.step,
+        cleaning,
+        input_error,
+    })
 }
 
 /// How far segments reach beyond the triangles: not at all where they are edges, half their length between two corners,
-/// their length from a corner to elsewhere.
-fn reach(segments: &[[u32; 2]], triangles: &[[u32; 3]], positions: &[[f32; 3]]) -> f64 {
+/// their length from a corner to elsewhere; on a lattice more where an end is no corner, see `segments`.
+fn reach(segments: &[[u32; 2]], triangles: &[[u32; 3]], positions: &[[f32; 3]], is_on_lattice: bool) -> f64 {
     if segments.is_empty() {
         return 0.0;
     }
     let corners: HashSet<u32> = triangles.iter().flatten().copied().collect();
     let edges: HashSet<[u32; 2]> =
         triangles.iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a], [*b, *a], [*c, *b], [*a, *c]]).collect();
-    let at = |vertex: u32| positions[vertex as usize].map(f64::from);
-    let beyond = segments.iter().filter(|segment| !edges.contains(*segment)).map(|segment| {
-        let whole = length(minus(at(segment[0]), at(segment[1])));
-        match segment.iter().filter(|end| corners.contains(end)).count() {
-            0 => 0.0,
-            1 => whole,
-            _ => whole * 0.5,
+    let at = |vertex: u32| positions[vertex as usize];
+    let distance = |end: u32| {
+        if corners.contains(&end) {
+            return 0.0;
         }
-    });
+        let before = (0..end).rev().find(|vertex| corners.contains(vertex));
+        let behind = (end..positions.len() as u32).find(|vertex| corners.contains(vertex));
+        let near = [before, behind].into_iter().flatten().filter(|_| is_on_lattice);
+        near.map(|vertex| between(at(vertex), at(end))).fold(f64::INFINITY, f64::min)
+    };
+    let beyond = segments
+        .iter()
+        .filter(|segment| !edges.contains(*segment))
+        .map(|[from, to]| farthest(between(at(*from), at(*to)), distance(*from), distance(*to)));
     beyond.fold(0.0, f64::max)
 }
 

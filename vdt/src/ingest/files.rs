@@ -38,6 +38,12 @@ impl FileList {
         self.files.push((path.to_path_buf(), first_vertex));
     }
 
+    /// The error that there is no lattice of so many bits over a mesh of this extent.
+    pub fn no_lattice(&self, bits: u8, extent: f64) -> MeshError {
+        let path = self.files.first().map(|(path, _)| path.clone()).unwrap_or_default();
+        MeshError::Lattice { path, bits, extent }
+    }
+
     /// The error that a vertex is too large for single precision.
     pub fn too_large(&self, vertex: u64) -> MeshError {
         let begun = self.files.partition_point(|(_, first)| *first <= vertex);

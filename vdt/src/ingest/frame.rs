@@ -4,6 +4,7 @@
 //!   detail, a point of it is subtracted on that axis. The origin is a multiple of a power of two as large as the box,
 //!   so for coordinates that were single precision to begin with the subtraction is exact.
 //! - *Single precision*, the same for every file format; -0.0 becomes 0.0. How far that moves a vertex at most is noted.
+//! - Or, instead of both, a *lattice* over the box, whose origin is near its middle (module `lattice`).
 //! - *Normalisation* by a power of two: exact, so that a mesh scaled by 1024 gives the same tree bit by bit. No absolute
 //!   tolerance is used anywhere.
 //!
@@ -11,7 +12,9 @@
 //! into the frame is monotone along each axis (so are both roundings), hence the corners of the box, taken into the
 //! frame, are the corners of the box in the frame: nobody has to look at all vertices twice.
 
+use super::lattice::Lattice;
 use super::morton;
+use crate::tree::on_lattice;
 use crate::vector::length;
 
 /// A box that grows.
@@ -38,7 +41,7 @@ impl Bounds {
         }
     }
 
-    fn largest_extent(&self) -> f64 {
+    pub fn largest_extent(&self) -> f64 {
         (0..3).map(|axis| self.maximum[axis] - self.minimum[axis]).fold(0.0, f64::max)
     }
 }
@@ -47,8 +50,56 @@ impl Bounds {
 /// precision loses at most three of its 24 bits; from here on the subtraction is exact for single-precision input.
 const FAR_FROM_ZERO: f64 = 8.0;
 
+/// How a coordinate of the files becomes one of the mesh.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Frame {
+    /// What is subtracted from each position, in mesh units.
+    pub origin: [f64; 3],
+    /// The step of the lattice that what is left is rounded to; 0 where it is rounded to single precision only.
+    pub step: f32,
+}
+
+impl Frame {
+    /// The frame of a mesh with this box that rounds to single precision only.
+    pub fn single(bounds: &Bounds) -> Frame {
+        Frame { origin: local_origin(bounds), step: 0.0 }
+    }
+
+    /// The frame that rounds to a lattice.
+    pub fn on(lattice: Lattice) -> Frame {
+        Frame { origin: lattice.origin, step: lattice.step }
+    }
+
+    /// Whether it rounds to a lattice.
+    pub fn is_on_lattice(&self) -> bool {
+        self.step > 0.0
+    }
+
+    /// A position in the frame. Infinite where single precision does not reach.
+    #[inline]
+    pub fn local(&self, position: [f64; 3]) -> [f32; 3] {
+        if self.is_on_lattice() {
+            lattice_numbers(position, self.origin, self.step).map(|number| on_lattice(number as i32, self.step))
+        } else {
+            // Adding 0.0 turns -0.0 into 0.0.
+            std::array::from_fn(|axis| (position[axis] - self.origin[axis]) as f32 + 0.0)
+        }
+    }
+
+    /// The box in the frame of a mesh with this one in the files.
+    pub fn local_bounds(&self, bounds: &Bounds) -> [[f32; 3]; 2] {
+        [bounds.minimum, bounds.maximum].map(|corner| self.local(corner))
+    }
+}
+
+/// The numbers of the point of a lattice that is nearest to a position, along each axis.
+#[inline]
+pub(super) fn lattice_numbers(position: [f64; 3], origin: [f64; 3], step: f32) -> [f64; 3] {
+    std::array::from_fn(|axis| ((position[axis] - origin[axis]) / f64::from(step)).round())
+}
+
 /// What to subtract from the coordinates of a mesh with this box.
-pub(super) fn local_origin(bounds: &Bounds) -> [f64; 3] {
+fn local_origin(bounds: &Bounds) -> [f64; 3] {
     let extent = bounds.largest_extent();
     if !(extent > 0.0 && extent.is_finite()) {
         return [0.0; 3];
@@ -64,17 +115,12 @@ pub(super) fn local_origin(bounds: &Bounds) -> [f64; 3] {
     })
 }
 
-/// A position relative to `origin`, in single precision. Infinite where that does not reach.
-#[inline]
-pub(super) fn local(position: [f64; 3], origin: [f64; 3]) -> [f32; 3] {
-    // Adding 0.0 turns -0.0 into 0.0.
-    std::array::from_fn(|axis| (position[axis] - origin[axis]) as f32 + 0.0)
-}
-
-/// How far positions are moved by single precision.
+/// How far positions are moved by single precision, or by a lattice.
 ///
-/// Each difference here is exact: a position and the origin are within a factor of two of each other on each axis where
-/// there is an origin, and what single precision leaves of a number is less than what double precision holds of it.
+/// Without a lattice each difference here is exact: a position and the origin are within a factor of two of each other on
+/// each axis where there is an origin, and what single precision leaves of a number is less than what double precision
+/// holds of it. The origin of a lattice is any number; there each difference from it counts with what its rounding may
+/// have hidden.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Rounding {
     /// The largest distance so far, in mesh units, but for the rounding of its own square root.
@@ -84,8 +130,12 @@ pub(super) struct Rounding {
 impl Rounding {
     /// Takes a position, and what it became in the frame.
     #[inline]
-    pub fn include(&mut self, position: [f64; 3], origin: [f64; 3], local: [f32; 3]) {
-        let moved = [0, 1, 2].map(|axis| (position[axis] - origin[axis]) - f64::from(local[axis]));
+    pub fn include(&mut self, position: [f64; 3], frame: &Frame, local: [f32; 3]) {
+        let hidden = if frame.is_on_lattice() { f64::EPSILON } else { 0.0 };
+        let moved = [0, 1, 2].map(|axis| {
+            let exact = position[axis] - frame.origin[axis];
+            (exact - f64::from(local[axis])).abs() + exact.abs() * hidden
+        });
         if moved != [0.0; 3] {
             self.largest = self.largest.max(length(moved));
         }
@@ -120,7 +170,7 @@ impl Grid {
 }
 
 /// The smallest power of two that is at least `extent`, as an exponent. `extent` is positive and finite.
-fn exponent_above(extent: f64) -> i32 {
+pub(super) fn exponent_above(extent: f64) -> i32 {
     // The exponent field of a normal f64: below it lie the powers of two that are too small.
     let bits = extent.to_bits();
     let floor = ((bits >> 52) as i32) - 1023;
@@ -160,10 +210,13 @@ mod tests {
             let positions: Vec<[f64; 3]> =
                 positions.iter().map(|p: &[f64; 3]| p.map(|value| (value + far) * scale)).collect();
             let bounds = Bounds::of(positions.iter().copied());
-            let origin = local_origin(&bounds);
-            let all = Bounds::of(positions.iter().map(|p| local(*p, origin).map(f64::from)));
-            prop_assert_eq!(local(bounds.minimum, origin).map(f64::from), all.minimum);
-            prop_assert_eq!(local(bounds.maximum, origin).map(f64::from), all.maximum);
+            let frames = [Some(Frame::single(&bounds)), Lattice::over(&bounds, 12).map(Frame::on)];
+            for frame in frames.into_iter().flatten() {
+                let all = Bounds::of(positions.iter().map(|p| frame.local(*p).map(f64::from)));
+                let [minimum, maximum] = frame.local_bounds(&bounds).map(|corner| corner.map(f64::from));
+                prop_assert_eq!(minimum, all.minimum);
+                prop_assert_eq!(maximum, all.maximum);
+            }
         }
     }
 }

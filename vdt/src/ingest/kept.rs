@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use storage::{KeptSpool, Scratch, Spool, StorageError};
 
 use super::{CleaningCounts, FileCounts, MeshBlock, StoredMesh};
+use crate::tree::Positions;
 
 /// How to open a [`StoredMesh`] again that was kept. Floats are written as their bits: text might round them.
 #[derive(Debug, Serialize, Deserialize)]
@@ -16,6 +17,8 @@ pub struct KeptMesh {
     bounds: [[u32; 3]; 2],
     origin: [u64; 3],
     exponent: i32,
+    kept_as: Positions,
+    lattice_step: u32,
     cleaning: CleaningCounts,
     input_error: u32,
     files: FileCounts,
@@ -50,6 +53,8 @@ impl StoredMesh {
             bounds: self.bounds.map(|corner| corner.map(f32::to_bits)),
             origin: self.origin.map(f64::to_bits),
             exponent: self.exponent,
+            kept_as: self.kept_as,
+            lattice_step: self.lattice_step.to_bits(),
             cleaning: self.cleaning,
             input_error: self.input_error.to_bits(),
             files: self.files,
@@ -70,6 +75,8 @@ impl StoredMesh {
             bounds: kept.bounds.map(|corner| corner.map(f32::from_bits)),
             origin: kept.origin.map(f64::from_bits),
             exponent: kept.exponent,
+            kept_as: kept.kept_as,
+            lattice_step: f32::from_bits(kept.lattice_step),
             cleaning: kept.cleaning,
             input_error: f32::from_bits(kept.input_error),
             files: kept.files,

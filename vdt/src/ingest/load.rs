@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use storage::{ByteSize, Disk};
 
 use super::files::FileList;
-use super::{CleaningCounts, CoreMesh, FileCounts, canonical};
+use super::{CleaningCounts, CoreMesh, FileCounts, FrameError, PositionsRule, canonical_as};
 use crate::mesh::{MeshError, ReadSummary, TriangleSink, read_mesh};
 
 /// Reads mesh files into RAM as one mesh, in canonical form.
 ///
-/// `needs` says how much memory a mesh of a given size takes for whatever is to be done with it.
+/// `rule` says how positions are kept, `needs` how much memory a mesh of a given size takes for whatever is to be done with it.
 ///
 /// # Errors
 ///
@@ -19,6 +19,7 @@ use crate::mesh::{MeshError, ReadSummary, TriangleSink, read_mesh};
 pub fn load(
     disk: &dyn Disk,
     paths: &[PathBuf],
+    rule: PositionsRule,
     memory: ByteSize,
     needs: &dyn Fn(FileCounts) -> ByteSize,
 ) -> Result<(CoreMesh, FileCounts), MeshError> {
@@ -26,7 +27,7 @@ pub fn load(
     for path in paths {
         loader.read(disk, path)?;
     }
-    loader.finish(paths)
+    loader.finish(paths, rule)
 }
 
 /// Bytes that reading a mesh into canonical form takes at the peak.
@@ -93,12 +94,15 @@ impl<'a> Loader<'a> {
         self.keeping
     }
 
-    fn finish(mut self, paths: &[PathBuf]) -> Result<(CoreMesh, FileCounts), MeshError> {
+    fn finish(mut self, paths: &[PathBuf], rule: PositionsRule) -> Result<(CoreMesh, FileCounts), MeshError> {
         if !self.fits(self.counts) {
             return Err(over_memory(paths, self.counts, (self.needs)(self.counts), self.memory.unwrap_or(ByteSize(0))));
         }
-        let mesh = canonical(std::mem::take(&mut self.positions), std::mem::take(&mut self.triangles), self.cleaning)
-            .map_err(|index| self.files.too_large(index as u64))?;
+        let (positions, triangles) = (std::mem::take(&mut self.positions), std::mem::take(&mut self.triangles));
+        let mesh = canonical_as(rule, positions, triangles, self.cleaning).map_err(|error| match error {
+            FrameError::TooLarge { vertex } => self.files.too_large(vertex as u64),
+            FrameError::Lattice { bits, extent } => self.files.no_lattice(bits, extent),
+        })?;
         // Only now is it known how many vertices a soup really has.
         let counts = FileCounts { vertices: mesh.positions.len() as u64, triangles: mesh.triangles.len() as u64 };
         if !self.fits(counts) {

@@ -3,7 +3,8 @@
 //! What comes out depends on the set of triangles over positions only: not on the file's format, nor on the order of
 //! its vertices and triangles (invariant 2 of the design), nor on memory, threads or blocks. In this order:
 //!
-//! 1. *Frame*: local origin, single precision, a power of two as the unit (module `frame`).
+//! 1. *Frame*: local origin, single precision, a power of two as the unit (module `frame`); or, instead of single precision
+//!    alone, a lattice (module `lattice`), to which positions are rounded before everything else.
 //! 2. *Welding.* Bitwise equal positions are one vertex, nothing else is.
 //! 3. *Canonical ids.* Vertices by Morton code in the box of the mesh, then by position; triangles by their corners'
 //!    ids, rotated so that the smallest comes first.
@@ -11,7 +12,7 @@
 //!    orientation, vertices that no triangle uses.
 //!
 //! What that may cost is the *input error*: no point of a triangle in the files is farther from the canonical mesh. It is
-//! the sum of how far single precision moves a vertex, and how far the triangles without area that are left out reach
+//! the sum of how far single precision or the lattice moves a vertex, and how far the triangles without area that are left out reach
 //! beyond the others (module `segments`). A file in single precision without such triangles has none.
 //!
 //! [`canonical`] does that in RAM, in the obvious way; [`store`] does it for files of any size within a memory limit,
@@ -21,7 +22,7 @@
 //! |---|---|
 //! | `files` | the files, once, into sequences on disk |
 //! | `vertices`, `marks` | the vertices in file order; a bit for each of many numbers |
-//! | `frame`, `morton` | origin, unit, Morton codes |
+//! | `frame`, `lattice`, `morton` | origin, unit, what positions are rounded to, Morton codes |
 //! | `weld`, `twins` | vertices sorted and welded: canonical ids |
 //! | `corners` | triangles from file numbers to canonical ids |
 //! | `triangles` | triangles sorted, duplicates dropped |
@@ -39,6 +40,7 @@ mod files;
 mod frame;
 mod gaps;
 mod kept;
+mod lattice;
 mod limits;
 mod load;
 mod marks;
@@ -57,12 +59,15 @@ mod weld;
 use serde::{Deserialize, Serialize};
 use storage::{ByteSize, Spool};
 
-pub use canonical::canonical;
+pub use canonical::{FrameError, canonical, canonical_as};
 pub(crate) use frame::power_of_two;
 pub use kept::KeptMesh;
+pub use lattice::PositionsRule;
 pub use limits::smallest_memory;
 pub use load::{count, load, reading_needs};
 pub use stored::store;
+
+use crate::tree::Positions;
 
 /// What was changed on the way in. None of it changes the surface, or by no more than the input error; all of it is told
 /// to the user.
@@ -70,6 +75,8 @@ pub use stored::store;
 pub struct CleaningCounts {
     /// Vertices that had the position of another one, and became one with it.
     pub welded_vertices: u64,
+    /// Vertices that became one with another because both were rounded to the same point of a lattice.
+    pub fallen_vertices: u64,
     /// Vertices that no triangle uses: left out.
     pub isolated_vertices: u64,
     /// Triangles with two corners at the same position: left out, they have no area. Those that touch no other triangle are
@@ -96,6 +103,10 @@ pub struct CoreMesh {
     pub origin: [f64; 3],
     /// The mesh is at most 2^exponent wide along every axis; dividing by that normalises it.
     pub exponent: i32,
+    /// How the positions are kept.
+    pub kept_as: Positions,
+    /// The step of the lattice that all positions are on, in mesh units; 0 where there is none.
+    pub lattice_step: f32,
     /// What was changed on the way in.
     pub cleaning: CleaningCounts,
     /// No point of a triangle in the files is farther than this from the mesh, in mesh units.
@@ -122,6 +133,10 @@ pub struct StoredMesh {
     pub origin: [f64; 3],
     /// The mesh is at most 2^exponent wide along every axis; dividing by that normalises it.
     pub exponent: i32,
+    /// How the positions are kept.
+    pub kept_as: Positions,
+    /// The step of the lattice that all positions are on, in mesh units; 0 where there is none.
+    pub lattice_step: f32,
     /// What was changed on the way in.
     pub cleaning: CleaningCounts,
     /// No point of a triangle in the files is farther than this from the mesh, in mesh units; see the module.
@@ -148,6 +163,8 @@ impl StoredMesh {
             bounds,
             origin: mesh.origin,
             exponent: mesh.exponent,
+            kept_as: mesh.kept_as,
+            lattice_step: mesh.lattice_step,
             cleaning: mesh.cleaning,
             input_error: mesh.input_error,
             files,
@@ -183,4 +200,6 @@ pub struct IngestPlan {
     /// How many triangles a block should have. Most have between a half of it and all of it; none has more than twice
     /// as many, but where a single vertex is the smallest corner of more.
     pub block_triangles: u64,
+    /// How positions are to be kept.
+    pub positions: PositionsRule,
 }

@@ -8,24 +8,36 @@
 //! - where one end is, its length is.
 //! - A segment without such an end is a line apart from the surface, and no part of it, like the lines in a file.
 //!
+//! Where positions are rounded to a lattice, such lines, and triangles of which all three corners fell together, may have
+//! been parts of the surface: they are, then. An end that is no corner of a triangle that stays is no farther from the mesh
+//! than from the nearer one of the two vertices before and behind it in canonical order that stay, which is mostly near,
+//! as the order is by Morton codes. With d and e for that of both ends, 0 where they stay, and L for the length, no point
+//! of the segment is farther than the smallest of L + d, L + e and (L + d + e) / 2. Without a lattice d is infinite, and
+//! this is what is said above.
+//!
 //! Memory: what it is given, for as many segments at a time as fit. I/O: for each segment 8 bytes written and read by the
 //! sort; the triangles and the positions once for each such window. Where no triangle is a segment, nothing.
 
 use bytemuck::{Pod, Zeroable};
 use storage::{SortRecord, Sorted, Spool, StorageError};
 
+use super::marks::Marks;
 use crate::vector::{length, minus};
 
-/// A triangle without area: the ids of its two corners, the smaller first.
+/// A triangle without area: the ids of its two corners, the smaller first; the same one twice where all three are equal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
 #[repr(transparent)]
 pub(super) struct Segment([u32; 2]);
 
 impl Segment {
-    /// The segment of a triangle of which two corners are equal, or none if all three are.
-    pub fn of([a, b, c]: [u32; 3]) -> Option<Segment> {
-        let other = if a == b { c } else { b };
-        (a != other).then(|| Segment::between(a, other))
+    /// The segment of a triangle of which two corners are equal.
+    pub fn of([a, b, c]: [u32; 3]) -> Segment {
+        Segment::between(a, if a == b { c } else { b })
+    }
+
+    /// Whether it has no length.
+    pub fn is_point(self) -> bool {
+        self.0[0] == self.0[1]
     }
 
     fn between(one: u32, other: u32) -> Segment {
@@ -47,6 +59,8 @@ struct End {
     /// Whether it is a corner of a triangle that stays.
     stays: bool,
     position: [f32; 3],
+    /// How far it is from the mesh that stays, at most.
+    distance: f64,
 }
 
 /// What a segment takes in RAM, with its ends.
@@ -54,12 +68,13 @@ const SEGMENT_BYTES: usize = size_of::<(Segment, bool)>() + 2 * size_of::<End>()
 
 /// The largest distance, in mesh units, between a point of a segment and the mesh that stays, or more.
 ///
-/// `triangles` are those that stay, by the same ids as the segments; `ram_bytes` are for the segments, `buffer` for each
-/// sequence that is read.
+/// `triangles` are those that stay, by the same ids as the segments; `staying`, the vertices that they use, is given where
+/// positions are on a lattice. `ram_bytes` are for the segments, `buffer` for each sequence that is read.
 pub(super) fn reach(
     mut segments: Sorted<Segment>,
     triangles: &Spool<[u32; 3]>,
     positions: &Spool<[f32; 3]>,
+    staying: Option<&Marks>,
     ram_bytes: usize,
     buffer: usize,
 ) -> Result<f64, StorageError> {
@@ -73,7 +88,7 @@ pub(super) fn reach(
             continue;
         }
         if window.len() == most || next.is_none() {
-            largest = largest.max(reach_of(&window, triangles, positions, buffer)?);
+            largest = largest.max(reach_of(&window, triangles, positions, staying, buffer)?);
             window.clear();
         }
         match next {
@@ -88,10 +103,12 @@ fn reach_of(
     segments: &[Segment],
     triangles: &Spool<[u32; 3]>,
     positions: &Spool<[f32; 3]>,
+    staying: Option<&Marks>,
     buffer: usize,
 ) -> Result<f64, StorageError> {
     let ids = segments.iter().flat_map(|segment| segment.0);
-    let mut ends: Vec<End> = ids.map(|id| End { id, stays: false, position: [0.0; 3] }).collect();
+    let mut ends: Vec<End> =
+        ids.map(|id| End { id, stays: false, position: [0.0; 3], distance: f64::INFINITY }).collect();
     ends.sort_unstable_by_key(|end| end.id);
     ends.dedup_by_key(|end| end.id);
     let (Some(first), Some(last)) = (ends.first().map(|end| end.id), ends.last().map(|end| end.id)) else {
@@ -105,7 +122,10 @@ fn reach_of(
             let is_in_range = first <= corner && corner <= last;
             is_in_range.then(|| ends.binary_search_by_key(&corner, |end| end.id).ok()).flatten()
         });
-        found.iter().flatten().for_each(|end| ends[*end].stays = true);
+        for end in found.iter().flatten() {
+            ends[*end].stays = true;
+            ends[*end].distance = 0.0;
+        }
         for corner in 0..3 {
             let next = (corner + 1) % 3;
             if found[corner].is_some() && found[next].is_some() {
@@ -123,20 +143,63 @@ fn reach_of(
             next_end += 1;
         }
     }
+    if let Some(staying) = staying {
+        look_around(&mut ends, positions, staying, buffer)?;
+    }
 
     let end = |id: u32| ends.binary_search_by_key(&id, |end| end.id).map(|index| ends[index]);
     let mut largest = 0.0_f64;
     for (Segment([from, to]), _) in segments.iter().zip(&are_edges).filter(|(_, is_edge)| !**is_edge) {
         let (Ok(from), Ok(to)) = (end(*from), end(*to)) else { continue };
-        let share = match (from.stays, to.stays) {
-            (true, true) => 0.5,
-            (false, false) => 0.0,
-            _ => 1.0,
-        };
-        let whole = length(minus(from.position.map(f64::from), to.position.map(f64::from)));
-        largest = largest.max(share * whole);
+        let farthest = farthest(between(from.position, to.position), from.distance, to.distance);
+        largest = largest.max(farthest);
     }
     Ok(largest)
+}
+
+/// How far a point of a segment of this length can be from the mesh, where its ends are so far from it; 0 where nothing is
+/// known of either.
+pub(super) fn farthest(length: f64, from: f64, to: f64) -> f64 {
+    let farthest = (length + from).min(length + to).min((length + from + to) * 0.5);
+    if farthest.is_finite() { farthest } else { 0.0 }
+}
+
+/// The distance of two positions.
+pub(super) fn between(one: [f32; 3], other: [f32; 3]) -> f64 {
+    length(minus(one.map(f64::from), other.map(f64::from)))
+}
+
+/// Finds for the ends that do not stay how far they are from the nearest vertices before and behind them that do.
+fn look_around(
+    ends: &mut [End],
+    positions: &Spool<[f32; 3]>,
+    staying: &Marks,
+    buffer: usize,
+) -> Result<(), StorageError> {
+    let (mut reader, mut marks) = (positions.reader(buffer), staying.reader(buffer));
+    let (mut before, mut id) = (None, 0);
+    // Ends from `waiting` to `next` wait for the next vertex that stays.
+    let (mut waiting, mut next) = (0, 0);
+    while waiting < ends.len()
+        && let Some(position) = reader.next()?
+    {
+        let stays = marks.next()?;
+        if let Some(end) = ends.get_mut(next).filter(|end| end.id == id) {
+            if let Some(before) = before.filter(|_| !stays) {
+                end.distance = between(before, position);
+            }
+            next += 1;
+        }
+        if stays {
+            for end in ends[waiting..next].iter_mut().filter(|end| !end.stays) {
+                end.distance = end.distance.min(between(position, end.position));
+            }
+            waiting = next;
+            before = Some(position);
+        }
+        id += 1;
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -164,9 +227,9 @@ mod tests {
         for (degenerate, expected) in cases {
             for ram_bytes in [0, 1 << 20] {
                 let mut sorter = Sorter::new(&Scratch::in_memory(), "segments", 1 << 20, 1);
-                let segments = degenerate.iter().filter_map(|corners| Segment::of(*corners));
+                let segments = degenerate.iter().map(|corners| Segment::of(*corners));
                 segments.for_each(|segment| sorter.push(segment).unwrap());
-                let found = reach(sorter.finish().unwrap(), &triangles, &positions, ram_bytes, 100).unwrap();
+                let found = reach(sorter.finish().unwrap(), &triangles, &positions, None, ram_bytes, 100).unwrap();
                 // From 5 to 1 there are 32 to the root, half of which is less than 10.
                 assert_eq!(found, expected, "{degenerate:?}");
             }

@@ -1,7 +1,8 @@
 //! The canonical mesh of files of any size, in spatial blocks, within a memory limit.
 //!
 //! 1. The files are read once, into sequences of vertices and triangles (module `files`).
-//! 2. The box of the named vertices gives the frame; the vertices are sorted and welded (`weld`).
+//! 2. The box of the named vertices gives the frame, with the lattice that positions are rounded to, if any (`lattice`); the
+//!    vertices are sorted and welded (`weld`).
 //! 3. The triangles get canonical ids for their corners, a window of the ids in RAM at a time (`corners`), and are
 //!    sorted; degenerate ones are dropped on the way into the sort, duplicates on the way out (`triangles`). How far the
 //!    dropped ones reach is looked up afterwards (`segments`).
@@ -20,8 +21,9 @@ use storage::{Disk, Scratch, Sorted, Sorter, Spool, StorageError};
 
 use super::corners::{Chunk, ResolveLimits, resolve};
 use super::files::{self, FileList, FilesRead};
-use super::frame::{Bounds, Grid, local, local_origin};
+use super::frame::{Bounds, Frame, Grid};
 use super::gaps::{closed_ids, used_vertices};
+use super::lattice::{OwnLattice, choose};
 use super::limits::{Kept, Limits, smallest_memory};
 use super::marks::Marks;
 use super::progress::Progress;
@@ -30,8 +32,9 @@ use super::segments::{Segment, reach};
 use super::triangles::{Corners, Ordered, order};
 use super::vertices::VertexSpool;
 use super::weld::{Welded, weld};
-use super::{CleaningCounts, FileCounts, IngestPlan, StoredMesh};
+use super::{CleaningCounts, FileCounts, IngestPlan, PositionsRule, StoredMesh};
 use crate::mesh::MeshError;
+use crate::tree::Positions;
 use crate::vector::length_not_below;
 
 /// Brings the mesh in `paths` (several files are one mesh) into canonical form and into blocks.
@@ -42,8 +45,8 @@ use crate::vector::length_not_below;
 /// # Errors
 ///
 /// Those of [`crate::mesh::read_mesh`] and of the scratch disk; [`MeshError::TooMany`] above 2^32 - 2 vertices or
-/// triangles; [`MeshError::Malformed`] for coordinates beyond single precision; [`MeshError::OverMemory`] below
-/// [`smallest_memory`].
+/// triangles; [`MeshError::Malformed`] for coordinates beyond single precision; [`MeshError::Lattice`] where there cannot be
+/// the lattice that is asked for; [`MeshError::OverMemory`] below [`smallest_memory`].
 pub fn store(
     disk: &dyn Disk,
     scratch: &Scratch,
@@ -62,12 +65,13 @@ pub fn store(
         let advice = needed.as_argument();
         return Err(MeshError::OverMemory { path, vertices, triangles, needed, limit: plan.memory, advice });
     }
-    in_blocks(files, scratch, &limits, &mut progress)
+    in_blocks(files, plan.positions, scratch, &limits, &mut progress)
 }
 
 /// All that follows the reading.
 pub(super) fn in_blocks(
     files: FilesRead,
+    rule: PositionsRule,
     scratch: &Scratch,
     limits: &Limits,
     progress: &mut Progress<'_>,
@@ -75,11 +79,17 @@ pub(super) fn in_blocks(
     let FilesRead { list, counts, mut cleaning, vertices, triangles, bounds, named } = files;
     cleaning.isolated_vertices += named.unmarked;
     let bounds = if named.unmarked == 0 { bounds } else { bounds_of(&vertices, &named, limits)? };
-    let origin = local_origin(&bounds);
-    let local_bounds = [bounds.minimum, bounds.maximum].map(|corner| local(corner, origin));
+    let single = Frame::single(&bounds);
+    let local_bounds = single.local_bounds(&bounds);
     if named.marked > 0 && !local_bounds.iter().flatten().all(|value| value.is_finite()) {
-        return Err(first_too_large(&vertices, &named, origin, &list, limits)?);
+        return Err(first_too_large(&vertices, &named, &single, &list, limits)?);
     }
+    let is_empty = named.marked == 0 || local_bounds[0] == local_bounds[1];
+    let own_step = if is_empty { 0.0 } else { own_step(&vertices, &named, &single, limits)? };
+    let rule = if is_empty { PositionsRule::LOSSLESS } else { rule };
+    let choice = choose(rule, single, own_step, &bounds, counts.triangles)
+        .map_err(|bits| list.no_lattice(bits, bounds.largest_extent()))?;
+    let (origin, local_bounds) = (choice.frame.origin, choice.frame.local_bounds(&bounds));
     let [minimum, maximum] = local_bounds.map(|corner| corner.map(f64::from));
     let Some(grid) = Grid::of(&Bounds { minimum, maximum }) else {
         // No triangle has three different corners.
@@ -90,14 +100,17 @@ pub(super) fn in_blocks(
 
     progress.phase(0.3);
     let triangles_ram = Chunk::ram(&triangles);
-    let Welded { positions, ids, twins, ids_ram, welded, rounding, blocks } =
-        weld(vertices, named, counts.vertices, origin, &grid, scratch, limits, triangles_ram, progress)?;
+    let frame = &choice.frame;
+    let Welded { positions, ids, twins, ids_ram, welded, fallen, rounding, blocks } =
+        weld(vertices, named, counts.vertices, frame, &single, &grid, scratch, limits, triangles_ram, progress)?;
     cleaning.welded_vertices += welded;
+    cleaning.fallen_vertices += fallen;
 
     progress.phase(0.15);
     let mut ids = twins.ids(ids, limits.buffer());
     let left = limits.left(&[triangles_ram, positions.ram, ids_ram]);
-    let sorting = sort_corners(triangles, counts, || ids.next(), scratch, limits, left, progress)?;
+    let keeps_points = frame.is_on_lattice();
+    let sorting = sort_corners(triangles, counts, || ids.next(), keeps_points, scratch, limits, left, progress)?;
     drop(ids);
     drop(twins);
     cleaning.degenerate_triangles += sorting.degenerate;
@@ -110,11 +123,14 @@ pub(super) fn in_blocks(
     cleaning.duplicate_triangles += ordered.duplicates;
     let used_ram = ordered.used.as_ref().map_or(0, Marks::ram);
     let share = limits.left(&[positions.ram, ordered.triangles.ram, used_ram, sorting.segments_ram]) / 4;
-    let lost = reach(sorting.segments, &ordered.triangles.spool, &positions.spool, share, limits.buffer())?;
+    let staying = ordered.used.as_ref().filter(|_| frame.is_on_lattice());
+    let lost = reach(sorting.segments, &ordered.triangles.spool, &positions.spool, staying, share, limits.buffer())?;
     let mut mesh = StoredMesh {
         bounds: local_bounds,
         origin,
         exponent: grid.exponent,
+        kept_as: choice.positions,
+        lattice_step: choice.step,
         cleaning,
         input_error: length_not_below(rounding.largest + lost),
         files: counts,
@@ -159,7 +175,8 @@ fn close_gaps(
     let left = limits.left(&[kept.positions.ram, triangles.ram, used.ram()]);
     let counts = FileCounts { vertices: used.marked + used.unmarked, triangles: triangles.spool.len() };
     let chunks = Chunk::of_ordered(triangles, limits.triangle_chunk)?;
-    let sorting = sort_corners(chunks, counts, closed_ids(used, limits.buffer()), scratch, limits, left, progress)?;
+    let sorting =
+        sort_corners(chunks, counts, closed_ids(used, limits.buffer()), false, scratch, limits, left, progress)?;
     let left = limits.left(&[kept.positions.ram, used.ram(), sorting.ram, sorting.segments_ram]);
     let vertices = used.marked as u32;
     let ordered = order(sorting.sorted, &kept.blocks, vertices, false, scratch, limits, left, progress)?;
@@ -174,18 +191,21 @@ struct Sorting {
     ram: usize,
     /// Triangles with two equal corners.
     degenerate: u64,
-    /// Those of them that are not points.
+    /// Those of them that are not points, or all.
     segments: Sorted<Segment>,
     /// Bytes of RAM that these may hold.
     segments_ram: usize,
 }
 
 /// Gives triangles the ids of their corners, one by one from `next_id`, and sorts them. `left` are the bytes of RAM to
-/// share, `counts` are the vertices that have ids and the triangles.
+/// share, `counts` are the vertices that have ids and the triangles. Triangles with three equal corners are kept among the
+/// segments with `keeps_points`.
+#[expect(clippy::too_many_arguments, reason = "the state of the pipeline")]
 fn sort_corners(
     chunks: Vec<Chunk>,
     counts: FileCounts,
     next_id: impl FnMut() -> Result<Option<u32>, StorageError>,
+    keeps_points: bool,
     scratch: &Scratch,
     limits: &Limits,
     left: usize,
@@ -206,7 +226,8 @@ fn sort_corners(
             Some(corners) => sorter.push(corners),
             None => {
                 degenerate += 1;
-                Segment::of(corners).map_or(Ok(()), |segment| segments.push(segment))
+                let segment = Segment::of(corners);
+                if keeps_points || !segment.is_point() { segments.push(segment) } else { Ok(()) }
             }
         }
     })?;
@@ -226,18 +247,46 @@ fn bounds_of(vertices: &VertexSpool, named: &Marks, limits: &Limits) -> Result<B
     Ok(bounds)
 }
 
+/// The step of the lattice that the vertices which faces name are on in this frame; 0 where there is none.
+fn own_step(vertices: &VertexSpool, named: &Marks, frame: &Frame, limits: &Limits) -> Result<f32, StorageError> {
+    let mut own = OwnLattice::EMPTY;
+    let mut marks = named.reader(limits.buffer());
+    let seen = vertices.for_each(limits.buffer(), |position| {
+        let is_named = marks.next()?;
+        if is_named && !own.include(frame.local(position)) { Err(Stopped::NoLattice) } else { Ok(()) }
+    });
+    match seen {
+        Ok(()) | Err(Stopped::NoLattice) => Ok(own.step()),
+        Err(Stopped::Storage(error)) => Err(error),
+    }
+}
+
+/// Why vertices were looked at no further.
+enum Stopped {
+    /// It is known that there is no lattice.
+    NoLattice,
+    /// The scratch failed.
+    Storage(StorageError),
+}
+
+impl From<StorageError> for Stopped {
+    fn from(error: StorageError) -> Self {
+        Stopped::Storage(error)
+    }
+}
+
 /// The error that names the first vertex beyond single precision, of those that faces name.
 fn first_too_large(
     vertices: &VertexSpool,
     named: &Marks,
-    origin: [f64; 3],
+    frame: &Frame,
     list: &FileList,
     limits: &Limits,
 ) -> Result<MeshError, StorageError> {
     let (mut number, mut first) = (0, None);
     let mut marks = named.reader(limits.buffer());
     vertices.for_each(limits.buffer(), |position| {
-        if marks.next()? && first.is_none() && !local(position, origin).iter().all(|value| value.is_finite()) {
+        if marks.next()? && first.is_none() && !frame.local(position).iter().all(|value| value.is_finite()) {
             first = Some(number);
         }
         number += 1;
@@ -256,6 +305,8 @@ fn empty(files: FileCounts, cleaning: CleaningCounts) -> StoredMesh {
         bounds: [[0.0; 3]; 2],
         origin: [0.0; 3],
         exponent: 0,
+        kept_as: Positions::Lossless,
+        lattice_step: 0.0,
         cleaning,
         input_error: 0.0,
         files,

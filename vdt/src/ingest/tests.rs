@@ -8,11 +8,13 @@ use proptest::prelude::*;
 use storage::{ByteSize, Disk, FaultyDisk, LocalDisk, MemoryDisk, Scratch, Spool};
 
 use super::files;
+use super::frame::Frame;
 use super::limits::Limits;
 use super::progress::Progress;
 use super::stored::in_blocks;
 use super::*;
 use crate::mesh::MeshError;
+use crate::tree::{Positions, lattice_number, on_lattice};
 use crate::vector::{cross, dot, length, minus, unit};
 
 /// What one file holds.
@@ -139,6 +141,7 @@ fn store_within(
     disk: &dyn Disk,
     scratch: &Scratch,
     paths: &[PathBuf],
+    rule: PositionsRule,
     limits: &Limits,
 ) -> Result<StoredMesh, MeshError> {
     let mut last = 0.0;
@@ -148,7 +151,7 @@ fn store_within(
     };
     let mut progress = Progress::new(&mut report);
     let files = files::read(disk, scratch, paths, limits, &mut progress)?;
-    in_blocks(files, scratch, limits, &mut progress)
+    in_blocks(files, rule, scratch, limits, &mut progress)
 }
 
 fn all<T: bytemuck::Pod>(spool: &Spool<T>) -> Vec<T> {
@@ -164,6 +167,7 @@ fn check(stored: &StoredMesh, core: &CoreMesh, block_triangles: u64) {
     assert_eq!(bits(&positions), bits(&core.positions));
     assert_eq!(triangles, core.triangles);
     assert_eq!((stored.origin, stored.exponent), (core.origin, core.exponent));
+    assert_eq!((stored.kept_as, stored.lattice_step.to_bits()), (core.kept_as, core.lattice_step.to_bits()));
     assert_eq!(stored.cleaning, core.cleaning);
     assert_eq!(stored.input_error.to_bits(), core.input_error.to_bits());
     let extreme = |axis: usize, largest: bool| {
@@ -196,8 +200,36 @@ fn check(stored: &StoredMesh, core: &CoreMesh, block_triangles: u64) {
     assert_eq!(all(&stored.seam_vertices), Vec::from_iter(seam));
 }
 
-fn in_core(disk: &dyn Disk, paths: &[PathBuf]) -> Result<(CoreMesh, FileCounts), MeshError> {
-    load(disk, paths, ByteSize(u64::MAX), &reading_needs)
+/// Lossless, a lattice, or what is chosen.
+fn rule() -> impl Strategy<Value = PositionsRule> {
+    prop_oneof![
+        2 => Just(PositionsRule::LOSSLESS),
+        1 => Just(PositionsRule::Auto),
+        3 => Positions::BITS.prop_map(|bits| PositionsRule::Fixed(Positions::Bits(bits))),
+    ]
+}
+
+/// Every position is on the lattice that the mesh has, with as many steps as were allowed.
+fn check_lattice(mesh: &CoreMesh, rule: PositionsRule) {
+    let CoreMesh { kept_as, lattice_step, .. } = *mesh;
+    if rule == PositionsRule::LOSSLESS {
+        assert_eq!(kept_as, Positions::Lossless);
+    }
+    if lattice_step == 0.0 {
+        assert_eq!(kept_as, Positions::Lossless);
+        return;
+    }
+    for coordinate in mesh.positions.iter().flatten() {
+        let number = lattice_number(*coordinate, lattice_step).unwrap();
+        assert_eq!(on_lattice(number, lattice_step).to_bits(), coordinate.to_bits());
+        if let Positions::Bits(bits) = kept_as {
+            assert!(number.unsigned_abs() <= 1 << (bits - 1));
+        }
+    }
+}
+
+fn in_core(disk: &dyn Disk, paths: &[PathBuf], rule: PositionsRule) -> Result<(CoreMesh, FileCounts), MeshError> {
+    load(disk, paths, rule, ByteSize(u64::MAX), &reading_needs)
 }
 
 proptest! {
@@ -206,6 +238,7 @@ proptest! {
     #[test]
     fn any_files_in_any_memory_give_the_canonical_mesh(
         contents in meshes(),
+        rule in rule(),
         memory in prop_oneof![0_usize..4000, Just(1 << 20)],
         block_triangles in prop_oneof![0_u64..40, Just(u64::MAX)],
         vertex_chunk in 1_usize..30,
@@ -217,10 +250,11 @@ proptest! {
         let limits = Limits { memory, threads, block_triangles, vertex_chunk, triangle_chunk };
         let temporary = MemoryDisk::new();
         let scratch = if in_memory { Scratch::in_memory() } else { scratch_on(temporary.clone()) };
-        match (store_within(&disk, &scratch, &paths, &limits), in_core(&disk, &paths)) {
+        match (store_within(&disk, &scratch, &paths, rule, &limits), in_core(&disk, &paths, rule)) {
             (Ok(stored), Ok((core, counts))) => {
                 prop_assert_eq!(stored.files, counts);
                 check(&stored, &core, block_triangles.min(1 << 32));
+                check_lattice(&core, rule);
             }
             (Err(stored), Err(core)) => prop_assert_eq!(stored.to_string(), core.to_string()),
             (stored, core) => prop_assert!(false, "stored: {:?}, in core: {:?}", stored.is_ok(), core.is_ok()),
@@ -239,7 +273,7 @@ fn a_read_that_fails_is_an_error() {
     let limits = Limits { memory: 100, threads: 1, block_triangles: 9, vertex_chunk: 9, triangle_chunk: 9 };
     let outcome = |reads| {
         disk.fail_reads_after(reads);
-        store_within(&disk, &Scratch::in_memory(), &paths, &limits)
+        store_within(&disk, &Scratch::in_memory(), &paths, PositionsRule::Auto, &limits)
     };
     let failed: Vec<MeshError> = (0..).map_while(|reads| outcome(reads).err()).collect();
     assert!(failed.len() >= 4, "{}", failed.len());
@@ -254,7 +288,8 @@ fn a_scratch_disk_that_fails_is_an_error_and_leaves_nothing() {
     let triangles = (0..positions.len() - columns as usize - 1).map(|a| [a, a + 1, a + columns as usize + 1]).collect();
     let (disk, paths) = on_disk(&[FileContent { positions, triangles }]);
     let limits = Limits { memory: 4096, threads: 1, block_triangles: 99, vertex_chunk: 99, triangle_chunk: 99 };
-    let core = in_core(&disk, &paths).unwrap().0;
+    let rule = PositionsRule::Fixed(Positions::Bits(10));
+    let core = in_core(&disk, &paths, rule).unwrap().0;
     for full in [true, false] {
         let (mut faults, mut limit) = (0, 0);
         loop {
@@ -266,7 +301,7 @@ fn a_scratch_disk_that_fails_is_an_error_and_leaves_nothing() {
             } else {
                 faulty.fail_reads_after(limit)
             }
-            match store_within(&disk, &scratch, &paths, &limits) {
+            match store_within(&disk, &scratch, &paths, rule, &limits) {
                 Ok(stored) => {
                     faulty.heal();
                     check(&stored, &core, 99);
@@ -292,15 +327,19 @@ fn a_position_beyond_single_precision_is_refused_with_its_file_and_number() {
     let (disk, paths) = on_disk(&[square(1.0), square(1e50)]);
     let limits = Limits { memory: 100, threads: 1, block_triangles: 9, vertex_chunk: 9, triangle_chunk: 9 };
     let expected = "1.obj: vertex 3: the coordinates are too large for single precision";
-    assert_eq!(store_within(&disk, &Scratch::in_memory(), &paths, &limits).unwrap_err().to_string(), expected);
-    assert_eq!(in_core(&disk, &paths).unwrap_err().to_string(), expected);
+    for rule in [PositionsRule::Auto, PositionsRule::Fixed(Positions::Bits(24))] {
+        let error = store_within(&disk, &Scratch::in_memory(), &paths, rule, &limits).unwrap_err();
+        assert_eq!(error.to_string(), expected);
+        assert_eq!(in_core(&disk, &paths, rule).unwrap_err().to_string(), expected);
+    }
 }
 
 #[test]
 fn less_memory_than_the_smallest_is_refused_with_the_figure() {
     let content = FileContent { positions: vec![[0.0; 3]; 3], triangles: vec![[0, 1, 2]] };
     let (disk, paths) = on_disk(&[content]);
-    let mut plan = IngestPlan { memory: ByteSize(1 << 20), threads: 1, block_triangles: 1000 };
+    let mut plan =
+        IngestPlan { memory: ByteSize(1 << 20), threads: 1, block_triangles: 1000, positions: PositionsRule::Auto };
     let error = store(&disk, &Scratch::in_memory(), &paths, &plan, &mut |_| ()).unwrap_err();
     let MeshError::OverMemory { vertices: 3, triangles: 1, needed, .. } = error else { panic!("{error}") };
     plan.memory = needed;
@@ -310,7 +349,8 @@ fn less_memory_than_the_smallest_is_refused_with_the_figure() {
 
 #[test]
 fn a_missing_file_is_an_error() {
-    let plan = IngestPlan { memory: ByteSize(64 << 20), threads: 1, block_triangles: 1000 };
+    let plan =
+        IngestPlan { memory: ByteSize(64 << 20), threads: 1, block_triangles: 1000, positions: PositionsRule::Auto };
     let paths = [Path::new("/nowhere/at/all.ply").to_path_buf()];
     let error = store(&LocalDisk, &Scratch::in_memory(), &paths, &plan, &mut |_| ()).unwrap_err();
     assert!(error.to_string().contains("/nowhere/at/all.ply"), "{error}");
@@ -330,10 +370,16 @@ fn distance(point: [f64; 3], triangle: [[f64; 3]; 3]) -> f64 {
     if is_inside && normal != [0.0; 3] { dot(minus(point, triangle[0]), normal).abs().min(nearest) } else { nearest }
 }
 
+/// The frame of a mesh.
+fn frame_of(mesh: &CoreMesh) -> Frame {
+    let (origin, step) = (mesh.origin, if mesh.kept_as == Positions::Lossless { 0.0 } else { mesh.lattice_step });
+    Frame { origin, step }
+}
+
 /// Points that single precision does not hold, some of them a hair apart.
 fn double_points() -> impl Strategy<Value = Vec<[f64; 3]>> {
     let value = prop_oneof![(0..4_i32).prop_map(f64::from), -3.0..3.0_f64];
-    let hair = prop_oneof![Just(0.0), -1e-9..1e-9_f64];
+    let hair = prop_oneof![Just(0.0), -1e-9..1e-9_f64, -1e-3..1e-3_f64];
     let point = (prop::array::uniform3(value), hair).prop_map(|([x, y, z], hair)| [x + hair, y, z]);
     prop::collection::vec(point, 3..12)
 }
@@ -346,19 +392,22 @@ proptest! {
         points in double_points(),
         corners in prop::collection::vec(prop::array::uniform3(any::<prop::sample::Index>()), 1..14),
         far in prop_oneof![Just(0.0), Just(123_456.7), Just(-4e6)],
+        rule in rule(),
     ) {
         let points: Vec<[f64; 3]> = points.iter().map(|point| point.map(|value| value + far)).collect();
         let triangles: Vec<[usize; 3]> = corners.iter().map(|c| c.map(|corner| corner.index(points.len()))).collect();
         let in_core = triangles.iter().map(|corners| corners.map(|corner| corner as u32)).collect();
-        let mesh = canonical(points.clone(), in_core, CleaningCounts::default()).unwrap();
+        let mesh = canonical_as(rule, points.clone(), in_core, CleaningCounts::default()).unwrap();
+        let is_rounded = mesh.kept_as != Positions::Lossless;
+        let frame = frame_of(&mesh);
         // Lengths near the origin: there the distances are exact enough.
         let kept = |corner: u32| mesh.positions[corner as usize].map(f64::from);
         let mesh_triangles: Vec<_> = mesh.triangles.iter().map(|corners| corners.map(kept)).collect();
-        let is_corner = |point: [f64; 3]| mesh.positions.contains(&frame::local(point, mesh.origin));
+        let is_corner = |point: [f64; 3]| mesh.positions.contains(&frame.local(point));
         let mut largest = 0.0_f64;
         for corners in &triangles {
             let corners = corners.map(|corner| points[corner]);
-            if !corners.iter().any(|corner| is_corner(*corner)) {
+            if mesh.triangles.is_empty() || !is_rounded && !corners.iter().any(|corner| is_corner(*corner)) {
                 // A line or a point apart from the surface.
                 continue;
             }
@@ -376,7 +425,7 @@ proptest! {
         if mesh.cleaning.degenerate_triangles == 0 {
             let named: BTreeSet<usize> = triangles.iter().flatten().copied().collect();
             let steps = named.iter().map(|vertex| {
-                let local = frame::local(points[*vertex], mesh.origin);
+                let local = frame.local(points[*vertex]);
                 let squares = (0..3).map(|axis| (points[*vertex][axis] - mesh.origin[axis] - f64::from(local[axis])).powi(2));
                 squares.sum::<f64>().sqrt()
             });

@@ -4,7 +4,7 @@
 //! two numbers, in the order of the files. Twins that are farther apart, or that a small table has forgotten, are welded
 //! by the sort as any other; so the table decides what is fast and nothing else.
 //!
-//! Memory: 256 KiB for the table, as much to find the ids again. I/O: 2 bytes for each vertex of the files up to the last
+//! Memory: 512 KiB for the table, 256 KiB to find the ids again. I/O: 2 bytes for each vertex of the files up to the last
 //! one that has a twin, and none where there is none.
 
 use storage::{Scattered, Scratch, Spool, SpoolReader, SpoolWriter, StorageError};
@@ -18,6 +18,8 @@ const RECENT_IDS: usize = 1 << 16;
 #[derive(Debug, Clone, Copy)]
 struct Seen {
     position: [u32; 3],
+    /// What it was before it was rounded.
+    unrounded: u64,
     /// Its number and one, 0 for none.
     number: u64,
 }
@@ -34,21 +36,22 @@ impl TwinFinder {
     /// `ram_bytes` are the share of the distances.
     pub fn new(scratch: &Scratch, ram_bytes: usize) -> Self {
         TwinFinder {
-            table: vec![Seen { position: [0; 3], number: 0 }; 1 << TABLE_BITS],
+            table: vec![Seen { position: [0; 3], unrounded: 0, number: 0 }; 1 << TABLE_BITS],
             distances: SpoolWriter::new(scratch, "twins", ram_bytes),
             found: 0,
         }
     }
 
-    /// Whether a vertex has a twin before it. `position` is that of the vertex, bit by bit.
+    /// Whether a vertex has a twin before it. `position` is that of the vertex, bit by bit; twins have `unrounded` in
+    /// common, too.
     #[inline]
-    pub fn has_twin(&mut self, number: u32, position: [u32; 3]) -> Result<bool, StorageError> {
+    pub fn has_twin(&mut self, number: u32, position: [u32; 3], unrounded: u64) -> Result<bool, StorageError> {
         let [x, y, z] = position.map(u64::from);
         let mixed = (x ^ y.rotate_left(21) ^ z.rotate_left(42)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         let seen = &mut self.table[(mixed >> (u64::BITS - TABLE_BITS)) as usize];
         let number = u64::from(number) + 1;
-        let before = std::mem::replace(seen, Seen { position, number });
-        if before.number == 0 || before.position != position {
+        let before = std::mem::replace(seen, Seen { position, unrounded, number });
+        if before.number == 0 || before.position != position || before.unrounded != unrounded {
             return Ok(false);
         }
         match u16::try_from(number - before.number) {
@@ -137,7 +140,7 @@ mod tests {
         for (number, position) in positions.iter().enumerate() {
             let next = welded.len() as u32;
             let id = *welded.entry(*position).or_insert(next);
-            if !finder.has_twin(number as u32, *position).unwrap() {
+            if !finder.has_twin(number as u32, *position, 0).unwrap() {
                 scatter.put(number as u32, id).unwrap();
             }
         }

@@ -1,13 +1,14 @@
 //! Canonical ids: the vertices sorted by Morton code, then position; equal positions are one vertex.
 //!
-//! I/O: 24 bytes for each vertex of the files written and read by the sort, 8 by the way back to the files' order where
-//! the ids do not fit in RAM, 12 written for each that is left. Vertices with a twin shortly before are not sorted.
+//! I/O: 24 bytes for each vertex of the files written and read by the sort (32 where positions are rounded to a lattice),
+//! 8 by the way back to the files' order where the ids do not fit in RAM, 12 written for each that is left. Vertices with
+//! a twin shortly before are not sorted.
 
 use bytemuck::{Pod, Zeroable};
 use storage::{Scatter, Scattered, Scratch, SortRecord, Sorter, SpoolWriter, StorageError};
 
 use super::blocks::BlockChooser;
-use super::frame::{Grid, Rounding, local};
+use super::frame::{Frame, Grid, Rounding};
 use super::limits::{Kept, Limits, held};
 use super::marks::Marks;
 use super::progress::Progress;
@@ -24,11 +25,79 @@ struct VertexRecord {
     number: u32,
 }
 
+/// The same where positions are rounded to a lattice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
+#[repr(C)]
+struct LatticeRecord {
+    code: u64,
+    position: [u32; 3],
+    /// What the position would be without the lattice, mixed into 64 bits; low and high half.
+    unrounded: [u32; 2],
+    number: u32,
+}
+
 impl SortRecord for VertexRecord {
     #[inline]
     fn prefix(&self) -> u64 {
         self.code
     }
+}
+
+impl SortRecord for LatticeRecord {
+    #[inline]
+    fn prefix(&self) -> u64 {
+        self.code
+    }
+}
+
+/// What both are.
+trait Vertex: SortRecord {
+    fn new(record: VertexRecord, unrounded: u64) -> Self;
+    fn record(&self) -> VertexRecord;
+    fn unrounded(&self) -> u64;
+}
+
+impl Vertex for VertexRecord {
+    #[inline]
+    fn new(record: VertexRecord, _: u64) -> Self {
+        record
+    }
+
+    #[inline]
+    fn record(&self) -> VertexRecord {
+        *self
+    }
+
+    #[inline]
+    fn unrounded(&self) -> u64 {
+        0
+    }
+}
+
+impl Vertex for LatticeRecord {
+    #[inline]
+    fn new(VertexRecord { code, position, number }: VertexRecord, unrounded: u64) -> Self {
+        LatticeRecord { code, position, unrounded: [unrounded as u32, (unrounded >> 32) as u32], number }
+    }
+
+    #[inline]
+    fn record(&self) -> VertexRecord {
+        VertexRecord { code: self.code, position: self.position, number: self.number }
+    }
+
+    #[inline]
+    fn unrounded(&self) -> u64 {
+        u64::from(self.unrounded[0]) | u64::from(self.unrounded[1]) << 32
+    }
+}
+
+/// Three words mixed into one, which different ones hardly ever have in common.
+#[inline]
+pub(super) fn mixed(words: [u32; 3]) -> u64 {
+    let [x, y, z] = words.map(u64::from);
+    let mut mixed = (x << 32 | y).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ z;
+    mixed = (mixed ^ mixed >> 32).wrapping_mul(0xd6e8_feb8_6659_fd93);
+    mixed ^ mixed >> 32
 }
 
 /// Bits of a number that are in the order of [`f32::total_cmp`] as integers.
@@ -54,21 +123,42 @@ pub(super) struct Welded {
     pub twins: Twins,
     /// Bytes of RAM that `ids` and `twins` hold.
     pub ids_ram: usize,
-    /// Vertices of the files that became one with another.
+    /// Vertices of the files that became one with another at the same position.
     pub welded: u64,
+    /// Vertices that became one with another because both were rounded to one point of a lattice.
+    pub fallen: u64,
     /// How far they were moved.
     pub rounding: Rounding,
     /// The first vertex of each block.
     pub blocks: Vec<u32>,
 }
 
-/// Sorts and welds the vertices that are marked. `held_ram` are the bytes that other stores hold all the while.
+/// Sorts and welds the vertices that are marked. `single` is the frame that they would have without a lattice, `held_ram`
+/// are the bytes that other stores hold all the while.
 #[expect(clippy::too_many_arguments, reason = "the state of the pipeline, each part of it used up by one phase")]
 pub(super) fn weld(
     vertices: VertexSpool,
     named: Marks,
     count: u64,
-    origin: [f64; 3],
+    frame: &Frame,
+    single: &Frame,
+    grid: &Grid,
+    scratch: &Scratch,
+    limits: &Limits,
+    held_ram: usize,
+    progress: &mut Progress<'_>,
+) -> Result<Welded, StorageError> {
+    let with = if frame.is_on_lattice() { weld_as::<LatticeRecord> } else { weld_as::<VertexRecord> };
+    with(vertices, named, count, frame, single, grid, scratch, limits, held_ram, progress)
+}
+
+#[expect(clippy::too_many_arguments, reason = "as above")]
+fn weld_as<Record: Vertex>(
+    vertices: VertexSpool,
+    named: Marks,
+    count: u64,
+    frame: &Frame,
+    single: &Frame,
     grid: &Grid,
     scratch: &Scratch,
     limits: &Limits,
@@ -82,11 +172,13 @@ pub(super) fn weld(
     let (mut number, mut rounding) = (0_u32, Rounding::default());
     vertices.for_each(limits.buffer(), |position| {
         if marks.next()? {
-            let local = local(position, origin);
-            rounding.include(position, origin, local);
+            let local = frame.local(position);
+            rounding.include(position, frame, local);
+            let unrounded = if frame.is_on_lattice() { mixed(single.local(position).map(f32::to_bits)) } else { 0 };
             let position = local.map(ordered_bits);
-            if !twins.has_twin(number, position)? {
-                sorter.push(VertexRecord { code: grid.code(local), position, number })?;
+            if !twins.has_twin(number, position, unrounded)? {
+                let record = VertexRecord { code: grid.code(local), position, number };
+                sorter.push(Record::new(record, unrounded))?;
             }
         }
         number += 1;
@@ -102,19 +194,24 @@ pub(super) fn weld(
     let mut positions = SpoolWriter::new(scratch, "positions", positions_share);
     let mut ids = Scatter::new(scratch, "ids", count, ids_share);
     let mut blocks = BlockChooser::new(limits.block_triangles);
-    let (mut taken, mut last) = (twins.found, None);
-    while let Some(VertexRecord { code, position, number }) = sorted.next()? {
-        if last != Some(position) {
-            last = Some(position);
-            positions.push(position.map(from_ordered_bits))?;
-            blocks.push(code);
+    let (mut taken, mut fallen, mut last) = (twins.found, 0, None);
+    while let Some(vertex) = sorted.next()? {
+        let VertexRecord { code, position, number } = vertex.record();
+        let unrounded = vertex.unrounded();
+        match last {
+            Some((last, of)) if last == position => fallen += u64::from(of != unrounded),
+            _ => {
+                positions.push(position.map(from_ordered_bits))?;
+                blocks.push(code);
+            }
         }
+        last = Some((position, unrounded));
         ids.put(number, blocks.vertices() - 1)?;
         taken += 1;
         progress.count(count + taken, 2 * count);
     }
     drop(sorted);
-    let welded = taken - positions.len();
+    let welded = taken - positions.len() - fallen;
     // On disk they are read by halves of the share.
     let all_ids = held(count, size_of::<u32>(), ids_share);
     let ids_ram = twins.ram() + if all_ids > 0 { all_ids } else { ids_share / 2 };
@@ -124,6 +221,7 @@ pub(super) fn weld(
         twins,
         ids_ram,
         welded,
+        fallen,
         rounding,
         blocks: blocks.finish(),
     })

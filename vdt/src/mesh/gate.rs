@@ -1,12 +1,14 @@
 //! The gate in front of every format reader: [`read_mesh`] finds the format, and judges all formats alike.
 //!
 //! Constant memory: a face may name a vertex that is still to come, so the largest vertex number seen and the face
-//! that named it are remembered, and judged at the end of the file.
+//! that named it are remembered, and judged at the end of the file. So are those of texture coordinates and normals. The
+//! names of materials and files are limited.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use storage::Disk;
 
+use super::attributes::{Attributes, Image, ImageSource, Material, NAMES_LIMIT, NO_VALUE, Wedges};
 use super::{Face, MeshError, MeshFormat, MeshSink, ReadSummary, TriangleSink, Vertex, off, reader_of, stl, text};
 
 /// Reads the mesh file `path` of any known format, and pushes its vertices and triangles into `sink` in file order.
@@ -15,13 +17,31 @@ use super::{Face, MeshError, MeshFormat, MeshSink, ReadSummary, TriangleSink, Ve
 ///
 /// # Errors
 ///
-/// The disk's, the format's, those of [`MeshError::NotFinite`] and [`MeshError::CornerOutOfRange`], and whatever the
-/// sink refuses. What was pushed before an error is to be thrown away.
+/// The disk's, the format's, those of [`MeshError::NotFinite`] and [`MeshError::CornerOutOfRange`], the same of attributes
+/// where the sink wants them, [`MeshError::Unsupported`] for too many names of materials, and whatever the sink refuses. What was pushed before an error is to be thrown away.
 pub fn read_mesh(disk: &dyn Disk, path: &Path, sink: &mut dyn TriangleSink) -> Result<ReadSummary, MeshError> {
     let format = detect_format(disk, path)?;
-    let summary =
-        ReadSummary { format, vertices: 0, faces: 0, triangles: 0, polygons: 0, degenerate_faces: 0, left_out: 0 };
-    let mut gate = Gate { path, sink, summary, highest: None };
+    let summary = ReadSummary {
+        format,
+        vertices: 0,
+        faces: 0,
+        triangles: 0,
+        polygons: 0,
+        degenerate_faces: 0,
+        left_out: 0,
+        attributes: Attributes::default(),
+    };
+    let wants_attributes = sink.wants_attributes();
+    let mut gate = Gate {
+        path,
+        sink,
+        wants_attributes,
+        summary,
+        highest: None,
+        highest_texture: None,
+        highest_normal: None,
+        name_bytes: 0,
+    };
     reader_of(format)(disk, path, &mut gate)?;
     gate.finish()
 }
@@ -85,9 +105,18 @@ struct HighestCorner {
 struct Gate<'a> {
     path: &'a Path,
     sink: &'a mut dyn TriangleSink,
+    wants_attributes: bool,
     summary: ReadSummary,
     highest: Option<HighestCorner>,
+    highest_texture: Option<HighestCorner>,
+    highest_normal: Option<HighestCorner>,
+    /// Bytes of all names that are kept.
+    name_bytes: usize,
 }
+
+/// What messages call the values.
+const TEXTURE: &str = "texture coordinate";
+const NORMAL: &str = "normal";
 
 impl Gate<'_> {
     fn out_of_range(&self, bad: HighestCorner) -> MeshError {
@@ -101,14 +130,147 @@ impl Gate<'_> {
     }
 
     fn finish(self) -> Result<ReadSummary, MeshError> {
-        match self.highest {
-            Some(highest) if highest.index.unsigned_abs() >= self.summary.vertices => Err(self.out_of_range(highest)),
-            _ => Ok(self.summary),
+        if let Some(highest) = self.highest
+            && highest.index.unsigned_abs() >= self.summary.vertices
+        {
+            return Err(self.out_of_range(highest));
         }
+        let Attributes { texture_coordinates, normals, .. } = self.summary.attributes;
+        for (highest, kind, count) in
+            [(self.highest_texture, TEXTURE, texture_coordinates), (self.highest_normal, NORMAL, normals)]
+        {
+            if let Some(highest) = highest
+                && highest.index.unsigned_abs() >= count
+            {
+                return Err(self.attribute_out_of_range(highest, kind, count));
+            }
+        }
+        Ok(self.summary)
+    }
+
+    fn attribute_out_of_range(&self, bad: HighestCorner, kind: &'static str, count: u64) -> MeshError {
+        MeshError::AttributeOutOfRange {
+            path: self.path.to_path_buf(),
+            face: bad.face,
+            corner: Some(bad.corner),
+            kind,
+            index: bad.index,
+            count,
+        }
+    }
+
+    fn check_finite(&self, values: &[f32], element: impl FnOnce() -> String) -> Result<(), MeshError> {
+        match values.iter().find(|value| !value.is_finite()) {
+            None => Ok(()),
+            Some(value) => {
+                let path = self.path.to_path_buf();
+                Err(MeshError::AttributeNotFinite { path, element: element(), value: *value })
+            }
+        }
+    }
+
+    fn vertex_attributes(&mut self, vertex: &Vertex) -> Result<(), MeshError> {
+        let number = self.summary.vertices;
+        if let Some(normal) = vertex.normal {
+            self.check_finite(&normal, || format!("{NORMAL} of vertex {number}"))?;
+        }
+        if let Some(texture) = vertex.texture {
+            self.check_finite(&texture, || format!("{TEXTURE} of vertex {number}"))?;
+        }
+        let attributes = &mut self.summary.attributes;
+        attributes.vertex_normals += u64::from(vertex.normal.is_some());
+        attributes.vertex_colours += u64::from(vertex.colour.is_some());
+        attributes.vertex_textures += u64::from(vertex.texture.is_some());
+        Ok(())
+    }
+
+    fn face_attributes(&mut self, face: &Face<'_>) -> Result<(), MeshError> {
+        let (textures, highest_texture) = self.wedges(face, face.textures, TEXTURE, self.highest_texture)?;
+        let (normals, highest_normal) = self.wedges(face, face.normals, NORMAL, self.highest_normal)?;
+        (self.highest_texture, self.highest_normal) = (highest_texture, highest_normal);
+        let count = self.summary.attributes.materials.len();
+        if let Some(material) = face.material
+            && material as usize >= count
+        {
+            return Err(MeshError::AttributeOutOfRange {
+                path: self.path.to_path_buf(),
+                face: self.summary.faces,
+                corner: None,
+                kind: "material",
+                index: material.into(),
+                count: count as u64,
+            });
+        }
+        let attributes = &mut self.summary.attributes;
+        attributes.wedge_textures += textures;
+        attributes.wedge_normals += normals;
+        attributes.face_colours += u64::from(face.colour.is_some());
+        attributes.face_materials += u64::from(face.material.is_some());
+        Ok(())
+    }
+
+    /// How many corners of the next face have a value, and the highest number of a value so far.
+    fn wedges<const N: usize>(
+        &self,
+        face: &Face<'_>,
+        wedges: Wedges<'_, [f32; N]>,
+        kind: &'static str,
+        mut highest: Option<HighestCorner>,
+    ) -> Result<(u64, Option<HighestCorner>), MeshError> {
+        let number = self.summary.faces;
+        let (length, found) = match wedges {
+            Wedges::None => return Ok((0, highest)),
+            Wedges::Values(values) => {
+                for (corner, value) in values.iter().enumerate() {
+                    self.check_finite(value, || format!("{kind} of face {number}, corner {corner}"))?;
+                }
+                (values.len(), values.len())
+            }
+            Wedges::Numbers(numbers) => {
+                let mut found = 0;
+                for (corner, &index) in numbers.iter().enumerate().filter(|(_, index)| **index != NO_VALUE) {
+                    let named = HighestCorner { index, face: number, corner };
+                    if index < 0 {
+                        let attributes = &self.summary.attributes;
+                        let count = if kind == NORMAL { attributes.normals } else { attributes.texture_coordinates };
+                        return Err(self.attribute_out_of_range(named, kind, count));
+                    }
+                    if highest.is_none_or(|highest| highest.index < index) {
+                        highest = Some(named);
+                    }
+                    found += 1;
+                }
+                (numbers.len(), found)
+            }
+        };
+        if length != face.corners.len() {
+            let problem = format!("it has {} corners, and for {length} of them a {kind}", face.corners.len());
+            return Err(MeshError::malformed(self.path, format!("face {number}"), problem));
+        }
+        Ok((found as u64, highest))
+    }
+
+    /// Takes note of a name that is kept.
+    fn keep_name(&mut self, bytes: usize) -> Result<(), MeshError> {
+        /// What a name costs on top of its bytes.
+        const OVERHEAD: usize = 64;
+        self.name_bytes = self.name_bytes.saturating_add(bytes).saturating_add(OVERHEAD);
+        if self.name_bytes <= NAMES_LIMIT {
+            return Ok(());
+        }
+        Err(MeshError::Unsupported {
+            path: self.path.to_path_buf(),
+            feature: format!("a file with more than {NAMES_LIMIT} bytes of names of materials and images"),
+            advice: "cut the mesh into parts with fewer materials".to_string(),
+        })
     }
 }
 
 impl MeshSink for Gate<'_> {
+    fn wants_attributes(&self) -> bool {
+        self.wants_attributes
+    }
+
     fn announce(&mut self, vertices: u64, faces: u64) -> Result<(), MeshError> {
         self.sink.announce(vertices, faces)
     }
@@ -119,6 +281,9 @@ impl MeshSink for Gate<'_> {
                 let (path, index) = (self.path.to_path_buf(), self.summary.vertices);
                 return Err(MeshError::NotFinite { path, index, axis, value });
             }
+        }
+        if self.wants_attributes {
+            self.vertex_attributes(&vertex)?;
         }
         self.summary.vertices += 1;
         self.sink.vertex(vertex.position)
@@ -135,6 +300,9 @@ impl MeshSink for Gate<'_> {
                 self.highest = Some(named);
             }
         }
+        if self.wants_attributes {
+            self.face_attributes(&face)?;
+        }
         self.summary.faces += 1;
         match face.corners {
             [first, rest @ ..] if rest.len() >= 2 => {
@@ -145,6 +313,41 @@ impl MeshSink for Gate<'_> {
                 }
             }
             _ => self.summary.degenerate_faces += 1,
+        }
+        Ok(())
+    }
+
+    fn texture_coordinate(&mut self, value: [f32; 2]) -> Result<(), MeshError> {
+        let number = self.summary.attributes.texture_coordinates;
+        self.check_finite(&value, || format!("{TEXTURE} {number}"))?;
+        self.summary.attributes.texture_coordinates += 1;
+        Ok(())
+    }
+
+    fn normal(&mut self, value: [f32; 3]) -> Result<(), MeshError> {
+        let number = self.summary.attributes.normals;
+        self.check_finite(&value, || format!("{NORMAL} {number}"))?;
+        self.summary.attributes.normals += 1;
+        Ok(())
+    }
+
+    fn material(&mut self, material: Material) -> Result<(), MeshError> {
+        let image_bytes = match &material.image {
+            None => 0,
+            Some(Image { name, source: ImageSource::File(path) | ImageSource::Part { path, .. } }) => {
+                name.len() + path.as_os_str().len()
+            }
+            Some(Image { name, source: ImageSource::Bytes(_) | ImageSource::Missing }) => name.len(),
+        };
+        self.keep_name(material.name.len() + image_bytes + size_of::<Material>())?;
+        self.summary.attributes.materials.push(material);
+        Ok(())
+    }
+
+    fn missing_file(&mut self, path: PathBuf) -> Result<(), MeshError> {
+        if !self.summary.attributes.missing_files.contains(&path) {
+            self.keep_name(path.as_os_str().len())?;
+            self.summary.attributes.missing_files.insert(path);
         }
         Ok(())
     }
@@ -204,6 +407,105 @@ mod tests {
         assert_eq!(format_of("a.Obj", "anything").unwrap(), MeshFormat::Obj);
         assert_eq!(format_of("a", "# made by hand\nmtllib a.mtl\n").unwrap(), MeshFormat::Obj);
         assert_eq!(format_of("a.txt", "v 1 2 3\n").unwrap(), MeshFormat::Obj);
+    }
+
+    struct Asks(bool);
+
+    impl TriangleSink for Asks {
+        fn wants_attributes(&self) -> bool {
+            self.0
+        }
+
+        fn vertex(&mut self, _: [f64; 3]) -> Result<(), MeshError> {
+            Ok(())
+        }
+
+        fn triangle(&mut self, _: [u64; 3]) -> Result<(), MeshError> {
+            Ok(())
+        }
+    }
+
+    fn read_files(files: &[(&str, &str)], asks: bool) -> Result<ReadSummary, MeshError> {
+        let disk = MemoryDisk::new();
+        files.iter().for_each(|(name, text)| disk.insert(name, *text));
+        read_mesh(&disk, Path::new(files[0].0), &mut Asks(asks))
+    }
+
+    const CORNERS: &str = "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0\n";
+
+    #[test]
+    fn attributes_are_counted_where_they_are_asked_for() {
+        let text = format!(
+            "mtllib a.mtl b.mtl\n{CORNERS}f 1/1 2/2 3/3//\nvt 0 0\nvt 1 0\nvt 0 1\nvn 0 0 1\nusemtl red\n\
+             f 1/1/1 2//1 3\nusemtl blue\nf 1 2 3\n"
+        );
+        let text = text.replace("3/3//", "3/3");
+        let files = [("a.obj", text.as_str()), ("a.mtl", "newmtl red\nmap_Kd red.png\nnewmtl green\nmap_Kd red.png")];
+        let summary = read_files(&files, true).unwrap();
+        let found = summary.attributes;
+        assert_eq!((found.vertex_colours, found.vertex_normals, found.vertex_textures), (2, 0, 0));
+        assert_eq!((found.wedge_textures, found.wedge_normals, found.face_colours), (4, 2, 0));
+        assert_eq!((found.texture_coordinates, found.normals, found.face_materials), (3, 1, 2));
+        let names: Vec<&str> = found.materials.iter().map(|material| material.name.as_str()).collect();
+        assert_eq!(names, ["red", "green", "blue"]);
+        let missing: Vec<&Path> = found.missing_files.iter().map(PathBuf::as_path).collect();
+        assert_eq!(missing, ["b.mtl", "red.png"].map(Path::new));
+        let plain = read_files(&files, false).unwrap();
+        assert_eq!((plain.vertices, plain.triangles, plain.attributes), (3, 3, Attributes::default()));
+    }
+
+    #[test]
+    fn attributes_that_cannot_be_are_refused_where_they_are_asked_for() {
+        for (statements, expected) in [
+            ("vn 0 nan 1\n", "normal 0: NaN is not a finite number"),
+            ("vt 0 0\nvt 1e39 0\n", "texture coordinate 1: inf is not a finite number"),
+            (
+                "vt 0 0\nf 1/1 2/1 3/2\n",
+                "face 0, corner 2: it names texture coordinate 1, but the file has 1 (numbered from 0)",
+            ),
+            ("f 1 2 3\nf 1//1 2 3\n", "face 1, corner 0: it names normal 0, but the file has 0 (numbered from 0)"),
+        ] {
+            let text = format!("{CORNERS}{statements}");
+            let message = read_files(&[("a.obj", &text)], true).unwrap_err().to_string();
+            assert_eq!(message, format!("a.obj: {expected}"));
+            read_files(&[("a.obj", &text)], false).unwrap();
+        }
+        let ply = |property: &str, value: &str| {
+            format!(
+                "ply\nformat ascii 1.0\ncomment TextureFile a.png\ncomment TextureFile b.png\nelement vertex 1\n\
+                 property float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float ny\n\
+                 property float nz\nelement face 1\nproperty list uchar int vertex_indices\n{property}\nend_header\n{value}\n"
+            )
+        };
+        for (property, value, expected) in [
+            ("property int texnumber", "0 0 0 0 inf 1\n3 0 0 0 0", "normal of vertex 0: inf is not a finite number"),
+            (
+                "property int texnumber",
+                "0 0 0 0 0 1\n3 0 0 0 2",
+                "face 0: it names material 2, but the file has 2 (numbered from 0)",
+            ),
+            (
+                "property list uchar float texcoord",
+                "0 0 0 0 0 1\n3 0 0 0 6 0 0 0 nan 0 0",
+                "texture coordinate of face 0, corner 1: NaN is not a finite number",
+            ),
+        ] {
+            let message = read_files(&[("a.ply", &ply(property, value))], true).unwrap_err().to_string();
+            assert_eq!(message, format!("a.ply: {expected}"));
+            read_files(&[("a.ply", &ply(property, value))], false).unwrap();
+        }
+    }
+
+    #[test]
+    fn names_of_materials_are_limited() {
+        let long = "x".repeat(4000);
+        let names: String = (0..2000).map(|number| format!("usemtl {number}{long}\n")).collect();
+        let message = read_files(&[("a.obj", &names)], true).unwrap_err().to_string();
+        assert!(message.starts_with("a.obj: a file with more than 4194304 bytes of names"), "{message}");
+        read_files(&[("a.obj", &names)], false).unwrap();
+        let libraries: String = (0..2000).map(|number| format!("mtllib {number}{long}\n")).collect();
+        let message = read_files(&[("a.obj", &libraries)], true).unwrap_err().to_string();
+        assert!(message.contains("bytes of names of materials and images is not supported"), "{message}");
     }
 
     #[test]

@@ -7,11 +7,15 @@
 //! skinned mesh, the specification has the node's transform ignored). Where a mirroring transform turns triangles
 //! inside out, they are turned back.
 //!
-//! Primitives of one mesh that share their positions share their vertices. A node without a transform leaves every
+//! Where attributes are wanted: normals, the colours `COLOR_0`, materials with base colour and image, and the texture
+//! coordinates that the image asks for. Other sets, and images that only an extension names, are stepped over.
+//!
+//! Primitives of one mesh that share their positions, and the attributes that are wanted, share their vertices. A node without a transform leaves every
 //! bit of a coordinate alone; others are composed and applied in f64.
 //!
 //! Memory: the JSON document (at most 256 MiB; a data URI is part of it), the transform of each node that shows a
-//! mesh, and up to six windows of 256 KiB. Positions and vertex numbers are streamed from where they lie. The bytes
+//! mesh, and up to six windows of 256 KiB for each of positions
+//! and attributes. Positions and vertex numbers are streamed from where they lie. The bytes
 //! of a primitive are read once for each node that shows it.
 //!
 //! Format: glTF 2.0 specification, sections 3.5 (scenes), 3.6 (binary data), 3.7 (meshes) and 4 (GLB); integer
@@ -23,14 +27,15 @@ mod document;
 mod transform;
 
 use std::collections::{HashMap, HashSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use storage::Disk;
 
 use self::accessors::{Accessors, Stream};
 use self::container::{Buffers, Container};
-use self::document::{Document, Primitive, read_document, unsupported_extension};
+use self::document::{Document, Looks, Primitive, read_document, read_looks, unsupported_extension};
 use self::transform::Transform;
+use super::attributes::{Image, ImageSource, Material};
 use super::polygon::Strip;
 use super::{Face, MeshError, MeshSink, Vertex};
 
@@ -44,12 +49,14 @@ use super::{Face, MeshError, MeshSink, Vertex};
 pub fn read(disk: &dyn Disk, path: &Path, sink: &mut dyn MeshSink) -> Result<(), MeshError> {
     let container = Container::open(disk, path)?;
     let mut document = read_document(path, &container)?;
+    let looks = if sink.wants_attributes() { Some(read_looks(path, &container)?) } else { None };
     let buffers = Buffers::locate(disk, path, container, std::mem::take(&mut document.buffers))?;
     let accessors = Accessors::new(path, &document, &buffers);
-    let asset = Asset { path, document: &document, accessors };
+    let asset = Asset { path, document: &document, accessors, looks: looks.as_ref() };
     let instances = asset.instances()?;
     let (vertices, faces) = asset.size_of(&instances)?;
     sink.announce(vertices, faces)?;
+    asset.push_materials(&buffers, sink)?;
     let mut pushed = 0;
     for instance in &instances {
         asset.read_instance(instance, &mut pushed, sink)?;
@@ -77,14 +84,52 @@ enum Mode {
 #[derive(Debug, Clone, Copy)]
 struct Triangles {
     mode: Mode,
-    positions: usize,
+    vertices: VertexAccessors,
     indices: Option<usize>,
+    material: Option<u32>,
+}
+
+/// The accessors of a primitive's vertices: their positions, and the attributes that are wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+struct VertexAccessors {
+    positions: usize,
+    normals: Option<usize>,
+    colours: Option<usize>,
+    textures: Option<usize>,
+}
+
+/// The vertices of a primitive, one after the other.
+struct VertexStreams<'a> {
+    positions: Stream<'a>,
+    normals: Option<Stream<'a>>,
+    colours: Option<Stream<'a>>,
+    textures: Option<Stream<'a>>,
+}
+
+impl VertexStreams<'_> {
+    fn next(&mut self, transform: Option<&Transform>) -> Result<Vertex, MeshError> {
+        let position = self.positions.next_numbers()?;
+        let mut vertex = Vertex::at(transform.map_or(position, |transform| transform.apply(position)));
+        if let Some(normals) = &mut self.normals {
+            let normal = normals.next_numbers()?.map(|value| value as f32);
+            vertex.normal = Some(transform.map_or(normal, |transform| transform.apply_to_normal(normal)));
+        }
+        if let Some(colours) = &mut self.colours {
+            vertex.colour = Some(colours.next_colour()?);
+        }
+        if let Some(textures) = &mut self.textures {
+            vertex.texture = Some(textures.next_numbers()?.map(|value| value as f32));
+        }
+        Ok(vertex)
+    }
 }
 
 struct Asset<'a> {
     path: &'a Path,
     document: &'a Document,
     accessors: Accessors<'a>,
+    /// How surfaces look; none if attributes are not wanted.
+    looks: Option<&'a Looks>,
 }
 
 impl Asset<'_> {
@@ -174,7 +219,99 @@ impl Asset<'_> {
         if primitive.extensions.draco.is_some() && self.accessors.has_no_data(positions)? {
             return Err(unsupported_extension(self.path, "KHR_draco_mesh_compression"));
         }
-        Ok(Some(Triangles { mode, positions, indices: primitive.indices }))
+        let mut vertices = VertexAccessors { positions, normals: None, colours: None, textures: None };
+        let mut material = None;
+        if let Some(looks) = self.looks {
+            let mut set = 0;
+            if let Some(number) = primitive.material {
+                let Some(found) = looks.materials.get(number as usize) else {
+                    return Err(self.malformed(place, format!("there is no material {number}")));
+                };
+                set = found.pbr_metallic_roughness.base_color_texture.map_or(0, |texture| texture.tex_coord);
+                material = Some(number);
+            }
+            let attributes = &primitive.attributes;
+            vertices.normals = attributes.normal;
+            vertices.colours = attributes.colour;
+            vertices.textures = attributes.texture(set);
+        }
+        Ok(Some(Triangles { mode, vertices, indices: primitive.indices, material }))
+    }
+
+    /// Opens the accessors of a primitive's vertices.
+    fn vertex_streams(&self, place: &str, accessors: &VertexAccessors) -> Result<VertexStreams<'_>, MeshError> {
+        let VertexAccessors { positions, normals, colours, textures } = *accessors;
+        let streams = VertexStreams {
+            positions: self.accessors.positions(positions)?,
+            normals: normals.map(|number| self.accessors.vectors(number, "normals", 3)).transpose()?,
+            colours: colours.map(|number| self.accessors.colours(number)).transpose()?,
+            textures: textures.map(|number| self.accessors.vectors(number, "texture coordinates", 2)).transpose()?,
+        };
+        let count = streams.positions.count();
+        for (number, stream) in
+            [(normals, &streams.normals), (colours, &streams.colours), (textures, &streams.textures)]
+        {
+            if let (Some(number), Some(stream)) = (number, stream)
+                && stream.count() != count
+            {
+                let problem = format!("accessor {number} has {} elements for its {count} vertices", stream.count());
+                return Err(self.malformed(place, problem));
+            }
+        }
+        Ok(streams)
+    }
+
+    /// Pushes the materials, if they are wanted, in the order of the document.
+    fn push_materials(&self, buffers: &Buffers<'_>, sink: &mut dyn MeshSink) -> Result<(), MeshError> {
+        let Some(looks) = self.looks else { return Ok(()) };
+        for (number, material) in looks.materials.iter().enumerate() {
+            let look = &material.pbr_metallic_roughness;
+            let image = match look.base_color_texture {
+                Some(texture) => self.image(&format!("material {number}"), looks, texture.index, buffers, sink)?,
+                None => None,
+            };
+            let base_colour = Some(look.base_color_factor.unwrap_or([1.0; 4]));
+            sink.material(Material { name: material.name.clone(), base_colour, image })?;
+        }
+        Ok(())
+    }
+
+    /// The image of texture `number`; none if only an extension has one.
+    fn image(
+        &self,
+        place: &str,
+        looks: &Looks,
+        number: usize,
+        buffers: &Buffers<'_>,
+        sink: &mut dyn MeshSink,
+    ) -> Result<Option<Image>, MeshError> {
+        let Some(texture) = looks.textures.get(number) else {
+            return Err(self.malformed(place, format!("there is no texture {number}")));
+        };
+        let Some(source) = texture.source else { return Ok(None) };
+        let Some(image) = looks.images.get(source) else {
+            return Err(self.malformed(format!("texture {number}"), format!("there is no image {source}")));
+        };
+        let place = format!("image {source}");
+        let is_data = |uri: &str| uri.get(..5).is_some_and(|scheme| scheme.eq_ignore_ascii_case("data:"));
+        let uri = image.uri.as_ref().filter(|uri| !is_data(uri));
+        let name = image.name.as_ref().filter(|name| !name.is_empty()).or(uri).unwrap_or(&place).clone();
+        let found: Result<ImageSource, PathBuf> = match (&image.uri, image.buffer_view) {
+            (Some(uri), _) => buffers.image_at(&place, uri)?,
+            (None, Some(view)) => {
+                let view = self.accessors.view(view)?;
+                buffers.image(view.buffer, view.byte_offset, view.byte_length)?
+            }
+            (None, None) => return Err(self.malformed(place, "it has neither a URI nor a buffer view")),
+        };
+        let source = match found {
+            Ok(source) => source,
+            Err(path) => {
+                sink.missing_file(path)?;
+                ImageSource::Missing
+            }
+        };
+        Ok(Some(Image { name, source }))
     }
 
     /// The primitives of an instance that have triangles, with their places for messages.
@@ -199,9 +336,9 @@ impl Asset<'_> {
         let (mut vertices, mut faces) = (0_u64, 0_u64);
         for instance in instances {
             let mut seen = HashSet::new();
-            for (_, triangles) in self.primitives(instance)? {
-                let positions = self.accessors.positions(triangles.positions)?.count();
-                if seen.insert(triangles.positions) {
+            for (place, triangles) in self.primitives(instance)? {
+                let positions = self.vertex_streams(&place, &triangles.vertices)?.positions.count();
+                if seen.insert(triangles.vertices) {
                     vertices = vertices.saturating_add(positions);
                 }
                 let corners = match triangles.indices {
@@ -226,30 +363,30 @@ impl Asset<'_> {
             sink.left_out((mesh.primitives.len() - primitives.len()) as u64);
         }
         let mirrored = instance.transform.is_some_and(|transform| transform.mirrors());
-        // The first vertex and the number of vertices of each accessor of positions. Attributes, once they are read,
-        // belong into the key.
-        let mut known: HashMap<usize, (i64, u64)> = HashMap::new();
+        // The first vertex and the number of vertices of the accessors.
+        let mut known: HashMap<VertexAccessors, (i64, u64)> = HashMap::new();
         for (place, triangles) in primitives {
-            let (first, count) = match known.get(&triangles.positions) {
+            let (first, count) = match known.get(&triangles.vertices) {
                 Some(&range) => range,
                 None => {
                     let first = *pushed;
-                    let mut positions = self.accessors.positions(triangles.positions)?;
-                    for _ in 0..positions.count() {
-                        let position = positions.next_position()?;
-                        let position = instance.transform.map_or(position, |transform| transform.apply(position));
-                        sink.vertex(Vertex::at(position))?;
+                    let mut streams = self.vertex_streams(&place, &triangles.vertices)?;
+                    let count = streams.positions.count();
+                    for _ in 0..count {
+                        sink.vertex(streams.next(instance.transform.as_ref())?)?;
                         *pushed += 1;
                     }
-                    known.insert(triangles.positions, (first, positions.count()));
-                    (first, positions.count())
+                    known.insert(triangles.vertices, (first, count));
+                    (first, count)
                 }
             };
             let indices = match triangles.indices {
                 Some(accessor) => Some(self.accessors.indices(accessor)?),
                 None => None,
             };
-            let corners = CornerSource { asset: self, place: &place, indices, next: 0, first, vertices: count };
+            let material = triangles.material;
+            let corners =
+                CornerSource { asset: self, place: &place, indices, next: 0, first, vertices: count, material };
             corners.push_faces(triangles.mode, mirrored, sink)?;
         }
         Ok(())
@@ -266,6 +403,7 @@ struct CornerSource<'a> {
     /// The primitive's first vertex among all.
     first: i64,
     vertices: u64,
+    material: Option<u32>,
 }
 
 impl CornerSource<'_> {
@@ -291,10 +429,12 @@ impl CornerSource<'_> {
     }
 
     fn push_faces(mut self, mode: Mode, mirrored: bool, sink: &mut dyn MeshSink) -> Result<(), MeshError> {
-        let count = self.count();
+        let (count, material) = (self.count(), self.material);
         let mut push = |[first, second, third]: [i64; 3]| {
             let corners = if mirrored { [first, third, second] } else { [first, second, third] };
-            sink.face(Face::new(&corners))
+            let mut face = Face::new(&corners);
+            face.material = material;
+            sink.face(face)
         };
         match mode {
             Mode::Triangles => {
@@ -339,7 +479,7 @@ mod tests {
     use serde_json::{Value, json};
     use storage::{FaultyDisk, MemoryDisk};
 
-    use super::super::testing::{Collected, meshes, widened};
+    use super::super::testing::{Collected, WithAttributes, meshes, widened};
     use super::*;
 
     /// Builds an asset: a document, and the buffer that it speaks of.
@@ -553,6 +693,221 @@ mod tests {
         disk.insert("file.gltf", document.to_string());
         let message = read_from(&disk, "file.gltf").unwrap_err().to_string();
         assert!(message.contains("buffer 0: it has no URI"), "{message}");
+    }
+
+    impl Builder {
+        /// An accessor of numbers of a component type, `width` of them an element.
+        fn numbers(&mut self, component: u32, normalized: bool, width: usize, values: &[f64]) -> usize {
+            let bytes: Vec<u8> = values
+                .iter()
+                .flat_map(|&value| match component {
+                    5120 => (value as i8).to_le_bytes().to_vec(),
+                    5121 => vec![value as u8],
+                    5122 => (value as i16).to_le_bytes().to_vec(),
+                    5123 => (value as u16).to_le_bytes().to_vec(),
+                    _ => (value as f32).to_le_bytes().to_vec(),
+                })
+                .collect();
+            let view = self.view(&bytes, None);
+            let kind = format!("VEC{width}");
+            let count = values.len() / width;
+            let accessor = json!({
+                "bufferView": view, "componentType": component, "normalized": normalized, "count": count, "type": kind,
+            });
+            self.add("accessors", accessor)
+        }
+
+        /// Sets a member of the only primitive.
+        fn set(&mut self, pointer: &str, value: Value) {
+            let primitive = &mut self.document["meshes"][0]["primitives"][0];
+            match pointer.split_once('/') {
+                Some((outer, inner)) => primitive[outer][inner] = value,
+                None => primitive[pointer] = value,
+            }
+        }
+
+        fn attributes(&self) -> Result<WithAttributes, MeshError> {
+            let disk = MemoryDisk::new();
+            disk.insert("folder/file.glb", self.glb());
+            disk.insert("folder/wood 1.png", "png");
+            let mut found = WithAttributes::default();
+            read(&disk, Path::new("folder/file.glb"), &mut found).map(|()| found)
+        }
+    }
+
+    /// A quad whose primitive has no material and no attribute but its positions.
+    fn plain_quad() -> Builder {
+        let mut builder = quad();
+        builder.document["meshes"][0]["primitives"][0].as_object_mut().unwrap().remove("material");
+        builder.document["meshes"][0]["primitives"][0]["attributes"].as_object_mut().unwrap().remove("NORMAL");
+        builder.document["materials"] = json!([]);
+        builder.document["textures"] = json!([]);
+        builder
+    }
+
+    #[test]
+    fn vertices_have_normals_colours_and_texture_coordinates() {
+        for (component, one) in [(5120, 127.0), (5122, 32767.0), (5126, 1.0)] {
+            let mut builder = plain_quad();
+            let normals = builder.numbers(component, component != 5126, 3, &[0.0, -one, one].repeat(4));
+            builder.set("attributes/NORMAL", json!(normals));
+            assert_eq!(builder.attributes().unwrap().vertices, [(Some([0.0, -1.0, 1.0]), None, None); 4]);
+        }
+        for (component, one) in [(5121, 255.0), (5123, 65535.0), (5126, 1.0)] {
+            let mut builder = plain_quad();
+            let texture = builder.numbers(component, component != 5126, 2, &[0.0, one].repeat(4));
+            builder.set("attributes/TEXCOORD_0", json!(texture));
+            let colours = builder.numbers(component, component != 5126, 3, &[0.0, one, one * 0.2].repeat(4));
+            builder.set("attributes/COLOR_0", json!(colours));
+            let expected = (None, Some([0, 255, 51, 255]), Some([0.0, 1.0]));
+            let found = builder.attributes().unwrap();
+            assert_eq!(found.vertices, [expected; 4], "{component}");
+            assert_eq!(found.plain, expected_quad());
+            let colours = builder.numbers(component, component != 5126, 4, &[0.0, one, one, one * 0.4].repeat(4));
+            builder.set("attributes/COLOR_0", json!(colours));
+            assert_eq!(builder.attributes().unwrap().vertices[3].1, Some([0, 255, 255, 102]));
+        }
+    }
+
+    #[test]
+    fn normals_turn_with_their_nodes() {
+        let mut builder = plain_quad();
+        let normals = builder.numbers(5126, false, 3, &[0.0, 0.0, 3.0].repeat(4));
+        builder.set("attributes/NORMAL", json!(normals));
+        builder.document["nodes"][0]["scale"] = json!([1.0, 1.0, -2.0]);
+        assert_eq!(builder.attributes().unwrap().vertices[0].0, Some([0.0, 0.0, -1.0]));
+    }
+
+    #[test]
+    fn primitives_share_vertices_only_with_all_their_attributes() {
+        let mut builder = plain_quad();
+        let first = builder.numbers(5126, false, 3, &[0.0, 0.0, 1.0].repeat(4));
+        let second = builder.numbers(5126, false, 3, &[0.0, 1.0, 0.0].repeat(4));
+        builder.set("attributes/NORMAL", json!(first));
+        let primitive = builder.document["meshes"][0]["primitives"][0].clone();
+        for normals in [first, second] {
+            let mut other = primitive.clone();
+            other["attributes"]["NORMAL"] = json!(normals);
+            builder.document["meshes"][0]["primitives"].as_array_mut().unwrap().push(other);
+        }
+        let found = builder.attributes().unwrap();
+        assert_eq!((found.plain.vertices.len(), found.plain.announced), (8, Some((8, 6))));
+        assert_eq!((found.vertices[0].0, found.vertices[4].0), (Some([0.0, 0.0, 1.0]), Some([0.0, 1.0, 0.0])));
+        assert_eq!((&found.plain.faces[2], &found.plain.faces[4]), (&vec![0, 1, 2], &vec![4, 5, 6]));
+        assert_eq!(builder.found().vertices.len(), 4);
+    }
+
+    #[test]
+    fn materials_have_colours_and_images_wherever_they_lie() {
+        let mut builder = plain_quad();
+        let view = builder.view(b"png here", None);
+        let texture =
+            |index: usize| json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": index, "texCoord": 1}}});
+        builder.document["materials"] = json!([
+            {"name": "plain"}, {"pbrMetallicRoughness": {"baseColorFactor": [1, 0.5, 0, 0.25]}},
+            texture(0), texture(1), texture(2), texture(3), texture(4), texture(5),
+        ]);
+        builder.document["textures"] = json!([
+            {"source": 0}, {"source": 1}, {"source": 2}, {"source": 3}, {"source": 4}, {"extensions": {}},
+        ]);
+        let data = format!("data:image/png;base64,{}", base64(b"another"));
+        builder.document["images"] = json!([
+            {"bufferView": view, "mimeType": "image/png"}, {"uri": "wood%201.png"}, {"uri": data, "name": "inside"},
+            {"uri": "missing.png"}, {"uri": "https://a.b/c.png"},
+        ]);
+        builder.set("material", json!(3));
+        let first = builder.numbers(5126, false, 2, &[0.0; 8]);
+        let second = builder.numbers(5126, false, 2, &[1.0; 8]);
+        builder.set("attributes/TEXCOORD_0", json!(first));
+        builder.set("attributes/TEXCOORD_1", json!(second));
+        let found = builder.attributes().unwrap();
+        assert!(found.faces.iter().all(|face| face.material == Some(3)));
+        assert_eq!(found.vertices[0].2, Some([1.0, 1.0]));
+        let colours: Vec<_> = found.materials[..2].iter().map(|material| material.base_colour.unwrap()).collect();
+        assert_eq!(colours, [[1.0; 4], [1.0, 0.5, 0.0, 0.25]]);
+        let images: Vec<_> = found.materials[2..].iter().map(|material| material.image.clone()).collect();
+        let named = |number: usize| images[number].clone().map(|image| (image.name, image.source)).unwrap();
+        let bytes = builder.glb();
+        match named(0) {
+            (name, ImageSource::Part { path, offset, length: 8 }) => {
+                assert_eq!((name.as_str(), path.as_path()), ("image 0", Path::new("folder/file.glb")));
+                assert_eq!(&bytes[offset as usize..][..8], b"png here");
+            }
+            other => panic!("{other:?}"),
+        }
+        assert_eq!(named(1), ("wood%201.png".into(), ImageSource::File("folder/wood 1.png".into())));
+        assert_eq!(named(2), ("inside".into(), ImageSource::Bytes(b"another".to_vec())));
+        assert_eq!(named(3), ("missing.png".into(), ImageSource::Missing));
+        assert_eq!(named(4), ("https://a.b/c.png".into(), ImageSource::Missing));
+        assert_eq!(images[5], None);
+        assert_eq!(found.missing_files, ["folder/missing.png", "'https://a.b/c.png'"].map(PathBuf::from));
+    }
+
+    #[test]
+    fn broken_attributes_say_where_and_what_and_only_to_who_asks() {
+        let colours = |component, width| {
+            move |builder: &mut Builder| {
+                let colours = builder.numbers(component, true, width, &vec![0.0; width * 4]);
+                builder.set("attributes/COLOR_0", json!(colours));
+            }
+        };
+        let set =
+            |pointer: &'static str, value: Value| move |builder: &mut Builder| builder.set(pointer, value.clone());
+        let texture = |textures: Value, images: Value| {
+            move |builder: &mut Builder| {
+                let look = json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}});
+                builder.document["materials"] = json!([look]);
+                builder.document["textures"] = textures.clone();
+                builder.document["images"] = images.clone();
+            }
+        };
+        type Change = Box<dyn Fn(&mut Builder)>;
+        let cases: Vec<(Change, &str)> = vec![
+            (Box::new(set("attributes/NORMAL", json!(77))), "accessor 77: there is no such accessor"),
+            (Box::new(set("attributes/NORMAL", json!(1))), "accessor 1: normals are of type VEC3, not SCALAR"),
+            (
+                Box::new(set("attributes/TEXCOORD_0", json!(0))),
+                "accessor 0: texture coordinates are of type VEC2, not VEC3",
+            ),
+            (Box::new(set("material", json!(1))), "mesh 0, primitive 0: there is no material 1"),
+            (Box::new(colours(5122, 3)), "accessor 2: colours are floats, or unsigned integers of 8 or 16 bits"),
+            (Box::new(colours(5126, 2)), "accessor 2: colours are of type VEC3 or VEC4, not VEC2"),
+            (
+                Box::new(|builder: &mut Builder| {
+                    let normals = builder.numbers(5126, false, 3, &[0.0; 9]);
+                    builder.set("attributes/NORMAL", json!(normals));
+                }),
+                "mesh 0, primitive 0: accessor 2 has 3 elements for its 4 vertices",
+            ),
+            (
+                Box::new(|builder: &mut Builder| {
+                    let colours = builder.numbers(5126, false, 3, &[f64::NAN; 12]);
+                    builder.set("attributes/COLOR_0", json!(colours));
+                }),
+                "accessor 2: colour 0 is not finite",
+            ),
+            (Box::new(texture(json!([]), json!([]))), "material 0: there is no texture 0"),
+            (Box::new(texture(json!([{"source": 2}]), json!([]))), "texture 0: there is no image 2"),
+            (
+                Box::new(texture(json!([{"source": 0}]), json!([{"name": "a"}]))),
+                "image 0: it has neither a URI nor a buffer view",
+            ),
+            (
+                Box::new(texture(json!([{"source": 0}]), json!([{"bufferView": 9}]))),
+                "buffer view 9: there is no such buffer view",
+            ),
+            (
+                Box::new(texture(json!([{"source": 0}]), json!([{"uri": "data:;base64,A*"}]))),
+                "image 0: character 1 of its data is '*', which is not base64",
+            ),
+        ];
+        for (change, expected) in cases {
+            let mut builder = plain_quad();
+            change(&mut builder);
+            let message = builder.attributes().unwrap_err().to_string();
+            assert_eq!(message, format!("folder/file.glb: {expected}"));
+            assert_eq!(builder.found(), expected_quad());
+        }
     }
 
     #[test]

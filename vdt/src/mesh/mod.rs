@@ -5,11 +5,17 @@
 //! is judged alike: coordinates must be finite, face corners must name vertices that exist, polygons are cut into
 //! fans, faces with fewer than three corners are counted.
 //!
-//! Memory: one read buffer, plus what a format needs to find its way (a PLY header, a glTF document).
+//! Normals, colours, texture coordinates and materials (module `attributes`) are looked for only where the sink asks: who
+//! does not pays nothing for them.
+//!
+//! Memory: one read buffer, plus what a format needs to find its way (a PLY header, a glTF document), and the names of
+//! materials.
 
+mod attributes;
 mod gate;
 pub mod gltf;
 mod input;
+mod mtl;
 pub mod obj;
 pub mod off;
 pub mod ply;
@@ -26,42 +32,63 @@ use std::path::{Path, PathBuf};
 use storage::{Disk, StorageError};
 use thiserror::Error;
 
+pub use attributes::{Attributes, Image, ImageSource, Material, NO_VALUE, Wedges};
 pub use gate::read_mesh;
 
-/// A vertex as a format reader finds it. Attributes will join the position here.
+/// A vertex as a format reader finds it.
 #[derive(Debug, Clone, Copy)]
 #[non_exhaustive]
 pub struct Vertex {
     /// Position in the file's own coordinates and units. Not yet checked to be finite.
     pub position: [f64; 3],
+    /// Normal as the file has it, of any length. Not yet checked to be finite.
+    pub normal: Option<[f32; 3]>,
+    /// Red, green, blue and alpha; alpha is 255 where the file has none.
+    pub colour: Option<[u8; 4]>,
+    /// Texture coordinate as the file has it. Not yet checked to be finite.
+    pub texture: Option<[f32; 2]>,
 }
 
 impl Vertex {
     /// A vertex with a position and nothing else.
+    #[inline]
     pub fn at(position: [f64; 3]) -> Self {
-        Vertex { position }
+        Vertex { position, normal: None, colour: None, texture: None }
     }
 }
 
-/// A face as a format reader finds it: a polygon of any number of corners. Attributes will join the corners here.
+/// A face as a format reader finds it: a polygon of any number of corners.
 #[derive(Debug, Clone, Copy)]
 #[non_exhaustive]
 pub struct Face<'a> {
     /// Vertex numbers, counted from 0 in the order in which the vertices were pushed. Not yet checked.
     pub corners: &'a [i64],
+    /// Texture coordinates of the corners.
+    pub textures: Wedges<'a, [f32; 2]>,
+    /// Normals of the corners.
+    pub normals: Wedges<'a, [f32; 3]>,
+    /// Red, green, blue and alpha; alpha is 255 where the file has none.
+    pub colour: Option<[u8; 4]>,
+    /// Number of its material, counted from 0 in the order in which they were pushed. It was pushed before.
+    pub material: Option<u32>,
 }
 
 impl<'a> Face<'a> {
     /// A face with corners and nothing else.
+    #[inline]
     pub fn new(corners: &'a [i64]) -> Self {
-        Face { corners }
+        Face { corners, textures: Wedges::None, normals: Wedges::None, colour: None, material: None }
     }
 }
 
 /// Where a format reader pushes what it finds.
 ///
-/// Faces may come before the vertices that they name. Element numbers for messages are counted by the sink.
+/// Faces may come before the vertices, texture coordinates and normals that they name. Element numbers for messages are
+/// counted by the sink.
 pub trait MeshSink {
+    /// Whether readers are to look for attributes. If not, they push vertices and faces without any, and nothing else.
+    fn wants_attributes(&self) -> bool;
+
     /// What the file's header promises, where it has one: vertices and faces. Called at most once, before the rest.
     fn announce(&mut self, vertices: u64, faces: u64) -> Result<(), MeshError>;
 
@@ -71,12 +98,30 @@ pub trait MeshSink {
     /// The next face of the file.
     fn face(&mut self, face: Face<'_>) -> Result<(), MeshError>;
 
+    /// The next of the texture coordinates that corners name by number. Not yet checked to be finite.
+    fn texture_coordinate(&mut self, value: [f32; 2]) -> Result<(), MeshError>;
+
+    /// The next of the normals that corners name by number. Not yet checked to be finite.
+    fn normal(&mut self, value: [f32; 3]) -> Result<(), MeshError>;
+
+    /// The next material.
+    fn material(&mut self, material: Material) -> Result<(), MeshError>;
+
+    /// The file names another one that is not there, without which the mesh is still one: a library of materials, an image.
+    fn missing_file(&mut self, path: PathBuf) -> Result<(), MeshError>;
+
     /// The file holds geometry that is no part of a surface (points, lines, curves): this many elements were left out.
     fn left_out(&mut self, elements: u64);
 }
 
 /// Where [`read_mesh`] puts what passed its checks.
 pub trait TriangleSink {
+    /// Whether [`ReadSummary::attributes`] is of interest. Finding them may take longer, and what is wrong with them is an
+    /// error then.
+    fn wants_attributes(&self) -> bool {
+        false
+    }
+
     /// What the file's header promises, where it has one: at most this many vertices and at least this many faces.
     /// A sink that already knows that it cannot hold them may refuse here.
     fn announce(&mut self, vertices: u64, faces: u64) -> Result<(), MeshError> {
@@ -120,7 +165,7 @@ impl fmt::Display for MeshFormat {
 }
 
 /// What a file held, counted while it was read.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct ReadSummary {
     /// The format that the file turned out to be in.
     pub format: MeshFormat,
@@ -136,6 +181,8 @@ pub struct ReadSummary {
     pub degenerate_faces: u64,
     /// Elements that are no part of a surface (points, lines, curves): left out.
     pub left_out: u64,
+    /// Attributes; empty if the sink did not want them.
+    pub attributes: Attributes,
 }
 
 /// What is wrong with a mesh file, or with reading it. Each message names the file, the element and its index.
@@ -199,6 +246,36 @@ pub enum MeshError {
         /// How many vertices there are.
         vertices: u64,
     },
+    /// A number of an attribute is NaN or infinite.
+    #[error("{}: {element}: {value} is not a finite number", path.display())]
+    AttributeNotFinite {
+        /// The file in question.
+        path: PathBuf,
+        /// Which it is: "normal of vertex 7", "texture coordinate of face 3, corner 1", "normal 12".
+        element: String,
+        /// The value found.
+        value: f32,
+    },
+    /// A face names a texture coordinate, a normal or a material that does not exist.
+    #[error(
+        "{}: face {face}{}: it names {kind} {index}, but the file has {count} (numbered from 0)",
+        path.display(),
+        corner.map(|corner| format!(", corner {corner}")).unwrap_or_default()
+    )]
+    AttributeOutOfRange {
+        /// The file in question.
+        path: PathBuf,
+        /// The face, counted from 0.
+        face: u64,
+        /// The corner, counted from 0; none for a material.
+        corner: Option<usize>,
+        /// What it names: "texture coordinate", "normal" or "material".
+        kind: &'static str,
+        /// The number found.
+        index: i64,
+        /// How many there are.
+        count: u64,
+    },
     /// The file needs a feature of its format that is not supported.
     #[error("{}: {feature} is not supported; {advice}", path.display())]
     Unsupported {
@@ -218,6 +295,21 @@ pub enum MeshError {
         kind: &'static str,
         /// How many there may be.
         most: u64,
+    },
+    /// There is no lattice of so many bits over the mesh: its steps would be too small for single precision, or the mesh is
+    /// too large or too far from zero for it.
+    #[error(
+        "{}: positions cannot be kept with {bits} bits along the longest axis, which is {extent:e} long: the steps \
+         would be too small for single precision, or the mesh lies too far from zero; run again with --positions lossless",
+        path.display()
+    )]
+    Lattice {
+        /// The file in question, or the first of several.
+        path: PathBuf,
+        /// The bits asked for.
+        bits: u8,
+        /// How long the longest axis is, in mesh units.
+        extent: f64,
     },
     /// The mesh does not fit in the memory that the caller allows.
     #[error(

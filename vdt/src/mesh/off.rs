@@ -1,9 +1,11 @@
 //! Reads OFF files (Object File Format), in ASCII.
 //!
 //! A header word (`OFF`, with any of the prefixes `ST`, `C` and `N`), the numbers of vertices, faces and edges, then a
-//! line for each vertex and one for each face. Read are the first three numbers of a vertex (a normal, a colour or a
-//! texture coordinate behind them is ignored) and the corners of a face (a colour behind them is ignored). The number
-//! of edges may be missing. Whatever follows the last face is ignored.
+//! line for each vertex and one for each face. Read are the first three numbers of a vertex and the corners of a face; where
+//! attributes are wanted also what follows: of a vertex the normal (`N`), the colour (`C`, three or four numbers) and the
+//! texture coordinate (`ST`) that the header word promises, in this order, and of any face a colour of three or four
+//! numbers. A line may lack all of them; one number behind a face means a table that is not part of the file. The number of
+//! edges may be missing. Whatever follows the last face is ignored.
 //!
 //! Memory: one window of 256 KiB, and the corners of one face. Every byte is read once.
 //!
@@ -13,6 +15,7 @@ use std::path::Path;
 
 use storage::Disk;
 
+use super::attributes::colour_of_words;
 use super::polygon::Corners;
 use super::text::{Scanner, Shown, Syntax, parse_integer, parse_real};
 use super::{Face, MeshError, MeshSink, Vertex};
@@ -26,7 +29,8 @@ use super::{Face, MeshError, MeshSink, Vertex};
 /// than a million corners.
 pub fn read(disk: &dyn Disk, path: &Path, sink: &mut dyn MeshSink) -> Result<(), MeshError> {
     let scanner = Scanner::open(disk, path, Syntax { comment: Some(b'#'), continuation: false })?;
-    let mut reader = OffReader { path, scanner };
+    let wants_attributes = sink.wants_attributes();
+    let mut reader = OffReader { path, scanner, wants_attributes, words: Vec::new() };
     let counts = reader.header()?;
     sink.announce(counts.vertices, counts.faces)?;
     reader.vertices(&counts, sink)?;
@@ -37,20 +41,31 @@ pub fn read(disk: &dyn Disk, path: &Path, sink: &mut dyn MeshSink) -> Result<(),
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum HeaderWord {
     /// Vertices begin with three coordinates.
-    ThreeDimensional,
+    ThreeDimensional(Behind),
     /// Vertices have four homogeneous coordinates, or any number of them.
     OtherDimensional,
+}
+
+/// What follows the coordinates of a vertex.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Behind {
+    normal: bool,
+    colour: bool,
+    texture: bool,
 }
 
 impl HeaderWord {
     /// None if `word` is no header word of the format.
     pub fn parse(word: &[u8]) -> Option<Self> {
         let mut rest = word;
-        for prefix in [b"ST".as_slice(), b"C", b"N"] {
-            rest = rest.strip_prefix(prefix).unwrap_or(rest);
-        }
+        let mut has = |prefix: &[u8]| {
+            let behind = rest.strip_prefix(prefix);
+            rest = behind.unwrap_or(rest);
+            behind.is_some()
+        };
+        let (texture, colour, normal) = (has(b"ST"), has(b"C"), has(b"N"));
         match rest {
-            b"OFF" => Some(HeaderWord::ThreeDimensional),
+            b"OFF" => Some(HeaderWord::ThreeDimensional(Behind { normal, colour, texture })),
             b"4OFF" | b"nOFF" | b"4nOFF" => Some(HeaderWord::OtherDimensional),
             _ => None,
         }
@@ -62,11 +77,15 @@ struct Counts {
     faces: u64,
     /// Whether the number of edges stands on the line of the number of faces. Otherwise it may still come.
     with_edges: bool,
+    behind: Behind,
 }
 
 struct OffReader<'a> {
     path: &'a Path,
     scanner: Scanner,
+    wants_attributes: bool,
+    /// The numbers behind the current element, each with whether it is written as a whole one.
+    words: Vec<(f64, bool)>,
 }
 
 /// The element that is being read.
@@ -89,19 +108,19 @@ impl OffReader<'_> {
             Some(word) => HeaderWord::parse(word).ok_or_else(|| Shown(word).to_string()),
             None => Err("the end of the file".to_string()),
         };
-        match word {
-            Ok(HeaderWord::ThreeDimensional) => {}
+        let behind = match word {
+            Ok(HeaderWord::ThreeDimensional(behind)) => behind,
             Ok(HeaderWord::OtherDimensional) => {
                 let feature = "an OFF file with vertices of other than three dimensions";
                 return Err(self.unsupported(feature, "convert it to a file with three coordinates for each vertex"));
             }
             Err(found) => return Err(self.scanner.malformed(format!("expected 'OFF', found {found}"))),
-        }
+        };
         let vertices = self.count("vertices")?;
         let faces = self.count("faces")?;
         let with_edges = !self.scanner.at_line_end()?;
         self.scanner.next_line()?;
-        Ok(Counts { vertices, faces, with_edges })
+        Ok(Counts { vertices, faces, with_edges, behind })
     }
 
     fn count(&mut self, what: &str) -> Result<u64, MeshError> {
@@ -160,8 +179,12 @@ impl OffReader<'_> {
             }
             let position =
                 [x, self.word(row, "a coordinate", parse_real)?, self.word(row, "a coordinate", parse_real)?];
+            let mut vertex = Vertex::at(position);
+            if self.wants_attributes {
+                self.vertex_attributes(row, counts.behind, &mut vertex)?;
+            }
             self.scanner.next_line()?;
-            sink.vertex(Vertex::at(position))?;
+            sink.vertex(vertex)?;
         }
         Ok(())
     }
@@ -179,9 +202,68 @@ impl OffReader<'_> {
                 let corner = self.word(row, "a vertex number", parse_integer)?;
                 corners.push(corner, self.path, || format!("face {index}"))?;
             }
+            let mut face = Face::new(corners.as_slice());
+            if self.wants_attributes {
+                self.read_words(row)?;
+                // What one number means, and two, a table says that is not in the file.
+                if self.words.len() > 2 {
+                    face.colour = Some(self.colour(row, self.words.len(), 0)?);
+                }
+            }
             self.scanner.next_line()?;
-            sink.face(Face::new(corners.as_slice()))?;
+            sink.face(face)?;
         }
+        Ok(())
+    }
+
+    /// Reads the numbers that are left of the line of `row`.
+    fn read_words(&mut self, row: Row) -> Result<(), MeshError> {
+        /// A normal, a colour and a texture coordinate.
+        const MOST: usize = 9;
+        self.words.clear();
+        while !self.scanner.at_line_end()? {
+            if self.words.len() == MOST {
+                return Err(self.malformed(row, format!("more than {MOST} numbers behind it")));
+            }
+            let number = |word: &[u8]| Some((parse_real(word)?, parse_integer(word).is_some()));
+            let word = self.word(row, "a number", number)?;
+            self.words.push(word);
+        }
+        Ok(())
+    }
+
+    /// The colour that the numbers number `first` to `end` behind `row` are.
+    fn colour(&self, row: Row, end: usize, first: usize) -> Result<[u8; 4], MeshError> {
+        let words = self.words.get(first..end).unwrap_or_default();
+        if !matches!(words.len(), 3 | 4) {
+            let problem = format!("a colour has three or four numbers, not {}", words.len());
+            return Err(self.malformed(row, problem));
+        }
+        colour_of_words(words).ok_or_else(|| self.malformed(row, "its colour is neither bytes nor numbers from 0 to 1"))
+    }
+
+    /// Reads what follows the coordinates of a vertex.
+    fn vertex_attributes(&mut self, row: Row, behind: Behind, vertex: &mut Vertex) -> Result<(), MeshError> {
+        if behind == Behind::default() {
+            return Ok(());
+        }
+        self.read_words(row)?;
+        if self.words.is_empty() {
+            return Ok(());
+        }
+        let normal_end = if behind.normal { 3 } else { 0 };
+        let texture_start = self.words.len().checked_sub(if behind.texture { 2 } else { 0 });
+        let Some(texture_start) = texture_start.filter(|start| *start >= normal_end) else {
+            return Err(self.malformed(row, "the line ends before what the header promises of it"));
+        };
+        if behind.colour {
+            vertex.colour = Some(self.colour(row, texture_start, normal_end)?);
+        } else if texture_start > normal_end {
+            return Err(self.malformed(row, "the line has more numbers than the header promises"));
+        }
+        let number = |place: usize| self.words[place].0 as f32;
+        vertex.normal = behind.normal.then(|| [number(0), number(1), number(2)]);
+        vertex.texture = behind.texture.then(|| [number(texture_start), number(texture_start + 1)]);
         Ok(())
     }
 }
@@ -191,7 +273,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::super::testing::{
-        Collected, lengths_accepted, meshes, read_bytes, refusal, survives_altered_bytes, widened,
+        Collected, lengths_accepted, meshes, read_attributes, read_bytes, refusal, survives_altered_bytes, widened,
     };
     use super::*;
 
@@ -236,6 +318,52 @@ mod tests {
         {
             let text = format!("{word}\n4 2 0\n{BODY}").replace(" 0\n1", &format!(" 0{extra}\n\n# comment\n1"));
             assert_eq!(found(text), expected(), "{word}");
+        }
+    }
+
+    #[test]
+    fn what_the_header_promises_of_a_vertex_is_read() {
+        let (normal, colour, texture) = (Some([0.0, 0.5, -1.0]), Some([255, 128, 0, 255]), Some([0.25, 3.0]));
+        for (word, numbers, expected) in [
+            ("OFF", "255 128 0", (None, None, None)),
+            ("NOFF", "0 0.5 -1", (normal, None, None)),
+            ("COFF", "255 128 0", (None, colour, None)),
+            ("COFF", "1.0 0.5 0 1", (None, colour, None)),
+            ("COFF", "1 0 0 0", (None, Some([255, 0, 0, 0]), None)),
+            ("STOFF", "0.25 3", (None, None, texture)),
+            ("STNOFF", "0 0.5 -1 0.25 3", (normal, None, texture)),
+            ("STCNOFF", "0 0.5 -1 255 128 0 255 0.25 3", (normal, colour, texture)),
+            ("STCNOFF", "", (None, None, None)),
+        ] {
+            let text = format!("{word} 1 0 0\n0 0 0 {numbers}\n");
+            let found = read_attributes(read, &[("file", text.as_bytes())]).unwrap();
+            assert_eq!(found.vertices, [expected], "{word} {numbers}");
+        }
+    }
+
+    #[test]
+    fn faces_may_have_colours() {
+        let text = "OFF 1 6 0\n0 0 0\n3 0 0 0\n3 0 0 0 7\n3 0 0 0 9 8 7\n3 0 0 0 0.2 0 1 0.4 # pink\n3 0 0 0 1 1 1\n1 0 2 2 2 2\n";
+        let found = read_attributes(read, &[("file", text.as_bytes())]).unwrap();
+        let colours: Vec<_> = found.faces.iter().map(|face| face.colour).collect();
+        let expected = [None, None, Some([9, 8, 7, 255]), Some([51, 0, 255, 102]), Some([255; 4]), Some([2, 2, 2, 2])];
+        assert_eq!(colours, expected);
+    }
+
+    #[test]
+    fn broken_attributes_say_where_and_what() {
+        for (text, expected) in [
+            ("COFF 1 0 0\n0 0 0 1 1\n", "vertex 0, line 2: a colour has three or four numbers, not 2"),
+            ("COFF 1 0 0\n0 0 0 1 300 1\n", "vertex 0, line 2: its colour is neither bytes nor numbers from 0 to 1"),
+            ("COFF 1 0 0\n0 0 0 1 red 1\n", "vertex 0, line 2: expected a number, found 'red'"),
+            ("NOFF 1 0 0\n0 0 0 1 1\n", "vertex 0, line 2: the line ends before what the header promises of it"),
+            ("NOFF 1 0 0\n0 0 0 1 1 1 1\n", "vertex 0, line 2: the line has more numbers than the header promises"),
+            ("COFF 1 0 0\n0 0 0 1 1 1 1 1 1 1 1 1 1\n", "vertex 0, line 2: more than 9 numbers behind it"),
+            ("OFF 1 1 0\n0 0 0\n1 0 1 nan 0\n", "face 0, line 3: its colour is neither bytes nor numbers from 0 to 1"),
+        ] {
+            let error = read_attributes(read, &[("file", text.as_bytes())]).unwrap_err();
+            assert_eq!(error.to_string(), format!("file: {expected}"));
+            read_bytes(read, text).unwrap();
         }
     }
 

@@ -3,7 +3,8 @@
 //! The header describes elements (`vertex`, `face`, ...) and their typed properties; the body holds the rows of each
 //! element in turn. Elements and properties may come in any order and of any type. Read are `x`, `y` and `z` of
 //! `vertex`, the list `vertex_indices` or `vertex_index` of `face`, and the same list of `tristrips`, which is cut
-//! into triangles (-1 begins a new strip). All else is stepped over. Bytes behind the last row are ignored.
+//! into triangles (-1 begins a new strip). Module `attributes` says which properties are read where attributes are wanted.
+//! All else is stepped over. Bytes behind the last row are ignored.
 //!
 //! In ASCII files each row must have a line of its own, as Turk's description has it: a missing value is then an
 //! error in its own row and does not shift all that follow.
@@ -15,16 +16,19 @@
 //! Format: Greg Turk, "The PLY Polygon File Format" (1994), with the type names and the `tristrips` element of
 //! Stanford's and Cyberware's later files.
 
+mod attributes;
+
 use std::path::Path;
 
 use storage::{Disk, StorageError};
 
+use self::attributes::{Channel, FaceAttributes, Wedge, blank_vertex};
 use super::input::Input;
 use super::polygon::{Corners, Strip};
 use super::text::{Scanner, Shown, Syntax, parse_integer, parse_real};
-use super::{Face, MeshError, MeshSink, Vertex};
+use super::{Face, Material, MeshError, MeshSink, Vertex, mtl};
 
-/// How many elements and properties a header may declare.
+/// How many elements, properties and images a header may declare.
 const DECLARATION_LIMIT: usize = 1000;
 
 /// Reads the whole of `path` into `sink`.
@@ -35,14 +39,16 @@ const DECLARATION_LIMIT: usize = 1000;
 /// [`MeshError::Unsupported`] for a face of more than a million corners.
 pub fn read(disk: &dyn Disk, path: &Path, sink: &mut dyn MeshSink) -> Result<(), MeshError> {
     let mut scanner = Scanner::open(disk, path, Syntax::default())?;
-    let header = read_header(path, &mut scanner)?;
+    let header = read_header(path, &mut scanner, sink.wants_attributes())?;
     let rows_of = |name| header.elements.iter().find(|element| element.name == name).map_or(0, |element| element.rows);
     sink.announce(rows_of("vertex"), rows_of("face"))?;
+    for name in &header.images {
+        let image = mtl::image(disk, path, name, sink)?;
+        sink.material(Material { name: name.clone(), base_colour: None, image })?;
+    }
     match header.encoding {
-        Encoding::Ascii => read_body(path, &header.elements, &mut Ascii { scanner }, sink),
-        Encoding::Binary(order) => {
-            read_body(path, &header.elements, &mut Binary { input: scanner.into_input(), order }, sink)
-        }
+        Encoding::Ascii => read_body(path, &header, &mut Ascii { scanner }, sink),
+        Encoding::Binary(order) => read_body(path, &header, &mut Binary { input: scanner.into_input(), order }, sink),
     }
 }
 
@@ -178,14 +184,17 @@ impl Element {
 struct Header {
     encoding: Encoding,
     elements: Vec<Element>,
+    /// The names of images that comments give, if they are wanted.
+    images: Vec<String>,
 }
 
-fn read_header(path: &Path, scanner: &mut Scanner) -> Result<Header, MeshError> {
+fn read_header(path: &Path, scanner: &mut Scanner, wants_images: bool) -> Result<Header, MeshError> {
     if scanner.word()? != Some(b"ply") {
         return Err(scanner.malformed("a PLY file begins with 'ply', this one does not"));
     }
     let mut encoding = None;
     let mut elements: Vec<Element> = Vec::new();
+    let mut images = Vec::new();
     let mut declarations = 0;
     loop {
         scanner.next_line()?;
@@ -193,7 +202,14 @@ fn read_header(path: &Path, scanner: &mut Scanner) -> Result<Header, MeshError> 
             return Err(MeshError::malformed(path, "header", "the file ends before 'end_header'"));
         }
         match scanner.word()?.map(Keyword::of) {
-            None | Some(Keyword::Comment) => continue,
+            None => continue,
+            Some(Keyword::Comment) => {
+                if !wants_images || !scanner.is_ahead(b"TextureFile")? {
+                    continue;
+                }
+                scanner.word()?;
+                images.push(scanner.rest_of_line()?);
+            }
             Some(Keyword::Format) if encoding.is_some() => return Err(scanner.malformed("a second 'format'")),
             Some(Keyword::Format) => encoding = Some(read_format(scanner)?),
             Some(Keyword::Element) => {
@@ -227,12 +243,12 @@ fn read_header(path: &Path, scanner: &mut Scanner) -> Result<Header, MeshError> 
         }
         declarations += 1;
         if declarations > DECLARATION_LIMIT {
-            let problem = format!("more than {DECLARATION_LIMIT} elements and properties are declared");
+            let problem = format!("more than {DECLARATION_LIMIT} elements, properties and images are declared");
             return Err(MeshError::malformed(path, "header", problem));
         }
     }
     match encoding {
-        Some(encoding) => Ok(Header { encoding, elements }),
+        Some(encoding) => Ok(Header { encoding, elements, images }),
         None => Err(MeshError::malformed(path, "header", "there is no 'format' line")),
     }
 }
@@ -319,6 +335,8 @@ fn read_property(scanner: &mut Scanner) -> Result<Property, MeshError> {
 enum Step {
     Coordinate { axis: usize, scalar: Scalar },
     Corners { count: Scalar, entry: Scalar },
+    Attribute { channel: Channel, scalar: Scalar },
+    Wedges { wedge: Wedge, count: Scalar, entry: Scalar },
     Skip { scalar: Scalar },
     SkipList { count: Scalar, entry: Scalar },
 }
@@ -327,6 +345,20 @@ fn skipping(property: &Property) -> Step {
     match property.shape {
         Shape::Single(scalar) => Step::Skip { scalar },
         Shape::List { count, entry } => Step::SkipList { count, entry },
+    }
+}
+
+/// Has what is stepped over read where it is an attribute. `with_images` says whether faces may name images.
+fn want_attributes(steps: &mut [Step], element: &Element, with_images: bool) {
+    for (place, channel) in attributes::channels(element, with_images) {
+        if let Step::Skip { scalar } = steps[place] {
+            steps[place] = Step::Attribute { channel, scalar };
+        }
+    }
+    for (place, wedge) in attributes::wedges(element) {
+        if let Step::SkipList { count, entry } = steps[place] {
+            steps[place] = Step::Wedges { wedge, count, entry };
+        }
     }
 }
 
@@ -374,25 +406,30 @@ fn corner_steps(path: &Path, element: &Element) -> Result<Vec<Step>, MeshError> 
     Ok(steps)
 }
 
-/// Where the coordinates lie in rows that all have the same size.
-#[derive(Debug, Clone, Copy)]
+/// Where the coordinates, and the attributes that are wanted, lie in rows that all have the same size.
+#[derive(Debug, Clone)]
 struct VertexLayout {
     row_bytes: usize,
     coordinates: [(usize, Scalar); 3],
+    attributes: Vec<(usize, Scalar, Channel)>,
 }
 
 impl VertexLayout {
     /// None if not all rows have the same size.
     fn of(steps: &[Step]) -> Option<Self> {
-        let mut layout = VertexLayout { row_bytes: 0, coordinates: [(0, Scalar::Float32); 3] };
+        let mut layout = VertexLayout { row_bytes: 0, coordinates: [(0, Scalar::Float32); 3], attributes: Vec::new() };
         for step in steps {
             let scalar = match *step {
                 Step::Coordinate { axis, scalar } => {
                     layout.coordinates[axis] = (layout.row_bytes, scalar);
                     scalar
                 }
+                Step::Attribute { channel, scalar } => {
+                    layout.attributes.push((layout.row_bytes, scalar, channel));
+                    scalar
+                }
                 Step::Skip { scalar } => scalar,
-                Step::Corners { .. } | Step::SkipList { .. } => return None,
+                Step::Corners { .. } | Step::Wedges { .. } | Step::SkipList { .. } => return None,
             };
             layout.row_bytes += scalar.bytes();
         }
@@ -621,13 +658,24 @@ impl Source for Binary {
 
     fn quick_vertices(&mut self, layout: &VertexLayout, rows: u64, sink: &mut dyn MeshSink) -> Result<u64, MeshError> {
         let (order, [(x, _), (y, _), (z, _)]) = (self.order, layout.coordinates);
-        if layout.coordinates.iter().all(|&(_, scalar)| scalar == Scalar::Float32) {
+        let real = |row: &[u8], (offset, scalar): (usize, Scalar)| decode(scalar, order, &row[offset..]).real();
+        let coordinates = layout.coordinates;
+        if !layout.attributes.is_empty() {
+            let blank = blank_vertex(layout.attributes.iter().map(|(_, _, channel)| *channel));
+            self.push_vertices(layout.row_bytes, rows, sink, |row| {
+                let mut vertex = Vertex { position: coordinates.map(|place| real(row, place)), ..blank };
+                for &(offset, scalar, channel) in &layout.attributes {
+                    attributes::put(&mut vertex, channel, scalar, decode(scalar, order, &row[offset..])).ok()?;
+                }
+                Some(vertex)
+            })
+        } else if layout.coordinates.iter().all(|&(_, scalar)| scalar == Scalar::Float32) {
             let float = |row: &[u8], offset: usize| f32::from_le_bytes(little_endian(&row[offset..], order)).into();
-            self.push_vertices(layout.row_bytes, rows, sink, |row| [float(row, x), float(row, y), float(row, z)])
+            let position = |row: &[u8]| [float(row, x), float(row, y), float(row, z)];
+            self.push_vertices(layout.row_bytes, rows, sink, |row| Some(Vertex::at(position(row))))
         } else {
-            let real = |row: &[u8], (offset, scalar): (usize, Scalar)| decode(scalar, order, &row[offset..]).real();
-            let coordinates = layout.coordinates;
-            self.push_vertices(layout.row_bytes, rows, sink, |row| coordinates.map(|place| real(row, place)))
+            let position = |row: &[u8]| coordinates.map(|place| real(row, place));
+            self.push_vertices(layout.row_bytes, rows, sink, |row| Some(Vertex::at(position(row))))
         }
     }
 
@@ -646,27 +694,35 @@ impl Source for Binary {
 }
 
 impl Binary {
-    /// Pushes up to `rows` vertices out of rows of a fixed size, as many as the file has, and says how many those are.
+    /// Pushes up to `rows` vertices out of rows of a fixed size, as many as the file has before one of which `vertex` makes
+    /// none, and says how many those are.
     fn push_vertices(
         &mut self,
         row_bytes: usize,
         rows: u64,
         sink: &mut dyn MeshSink,
-        position: impl Fn(&[u8]) -> [f64; 3],
+        vertex: impl Fn(&[u8]) -> Option<Vertex>,
     ) -> Result<u64, MeshError> {
         let mut done = 0;
-        while done < rows {
+        let mut is_good = true;
+        while done < rows && is_good {
             let ahead = self.input.peek(row_bytes)?;
             let whole = (ahead.len() / row_bytes) as u64;
             let count = whole.min(rows - done) as usize;
             if count == 0 {
                 break;
             }
+            let mut pushed = 0;
             for row in ahead[..count * row_bytes].chunks_exact(row_bytes) {
-                sink.vertex(Vertex::at(position(row)))?;
+                let Some(vertex) = vertex(row) else {
+                    is_good = false;
+                    break;
+                };
+                sink.vertex(vertex)?;
+                pushed += 1;
             }
-            self.input.consume(count * row_bytes);
-            done += count as u64;
+            self.input.consume(pushed * row_bytes);
+            done += pushed as u64;
         }
         Ok(done)
     }
@@ -714,6 +770,8 @@ impl Binary {
 enum Found {
     Coordinate { axis: usize, value: f64 },
     Corner(i64),
+    Attribute { channel: Channel, scalar: Scalar, value: Value },
+    Wedge { wedge: Wedge, value: f64 },
 }
 
 #[inline]
@@ -741,6 +799,14 @@ fn read_row<S: Source>(
                         other => other,
                     })?;
                     visit(Found::Corner(index))?;
+                }
+            }
+            Step::Attribute { channel, scalar } => {
+                visit(Found::Attribute { channel, scalar, value: source.value(scalar)? })?;
+            }
+            Step::Wedges { wedge, count, entry } => {
+                for _ in 0..read_count(source, count)? {
+                    visit(Found::Wedge { wedge, value: source.value(entry)?.real() })?;
                 }
             }
             Step::Skip { scalar } => source.skip(scalar, 1)?,
@@ -780,17 +846,18 @@ fn read_rows<S: Source>(
 
 fn read_body<S: Source>(
     path: &Path,
-    elements: &[Element],
+    header: &Header,
     source: &mut S,
     sink: &mut dyn MeshSink,
 ) -> Result<(), MeshError> {
+    let elements = &header.elements;
     if !elements.iter().any(|element| element.name == "vertex") {
         return Err(MeshError::malformed(path, "header", "there is no element 'vertex'"));
     }
     for element in elements {
         match element.name.as_str() {
             "vertex" => read_vertices(path, element, source, sink)?,
-            "face" => read_faces(path, element, source, sink)?,
+            "face" => read_faces(path, element, header.images.len(), source, sink)?,
             "tristrips" => read_strips(path, element, source, sink)?,
             name => {
                 // Edges are geometry; what else a file may hold (cameras, materials, ranges) is not.
@@ -810,44 +877,59 @@ fn read_vertices<S: Source>(
     source: &mut S,
     sink: &mut dyn MeshSink,
 ) -> Result<(), MeshError> {
-    let steps = vertex_steps(path, element)?;
+    let mut steps = vertex_steps(path, element)?;
+    if sink.wants_attributes() {
+        want_attributes(&mut steps, element, false);
+    }
+    let channel_of = |step: &Step| if let Step::Attribute { channel, .. } = step { Some(*channel) } else { None };
+    let blank = blank_vertex(steps.iter().filter_map(channel_of));
     let quick = match VertexLayout::of(&steps) {
         Some(layout) => source.quick_vertices(&layout, element.rows, sink)?,
         None => 0,
     };
     read_rows(path, element, quick, source, |source, _| {
-        let mut position = [0.0; 3];
-        read_row(source, &steps, |found| {
-            if let Found::Coordinate { axis, value } = found {
-                position[axis] = value;
+        let mut vertex = blank;
+        read_row(source, &steps, |found| match found {
+            Found::Coordinate { axis, value } => {
+                vertex.position[axis] = value;
+                Ok(())
             }
-            Ok(())
+            Found::Attribute { channel, scalar, value } => attributes::put(&mut vertex, channel, scalar, value),
+            Found::Corner(_) | Found::Wedge { .. } => Ok(()),
         })?;
-        Ok(sink.vertex(Vertex::at(position))?)
+        Ok(sink.vertex(vertex)?)
     })
 }
 
 fn read_faces<S: Source>(
     path: &Path,
     element: &Element,
+    images: usize,
     source: &mut S,
     sink: &mut dyn MeshSink,
 ) -> Result<(), MeshError> {
-    let steps = corner_steps(path, element)?;
+    let mut steps = corner_steps(path, element)?;
+    let mut material = None;
+    if sink.wants_attributes() {
+        want_attributes(&mut steps, element, images > 0);
+        material = (images == 1).then_some(0);
+    }
     let quick = match FaceLayout::of(&steps) {
-        Some(layout) => source.quick_faces(&layout, element.rows, sink)?,
-        None => 0,
+        Some(layout) if material.is_none() => source.quick_faces(&layout, element.rows, sink)?,
+        _ => 0,
     };
     let mut corners = Corners::default();
+    let mut attributes = FaceAttributes::default();
     read_rows(path, element, quick, source, |source, row| {
         corners.clear();
-        read_row(source, &steps, |found| {
-            if let Found::Corner(index) = found {
-                corners.push(index, path, || format!("face {row}"))?;
-            }
-            Ok(())
+        attributes.begin(material);
+        read_row(source, &steps, |found| match found {
+            Found::Corner(index) => Ok(corners.push(index, path, || format!("face {row}"))?),
+            Found::Attribute { channel, scalar, value } => attributes.put(channel, scalar, value),
+            Found::Wedge { wedge, value } => attributes.push(wedge, value),
+            Found::Coordinate { .. } => Ok(()),
         })?;
-        Ok(sink.face(Face::new(corners.as_slice()))?)
+        Ok(sink.face(attributes.face(corners.as_slice())?)?)
     })
 }
 
@@ -870,7 +952,7 @@ fn read_strips<S: Source>(
                         sink.face(Face::new(&triangle))?;
                     }
                 }
-                Found::Coordinate { .. } => {}
+                Found::Coordinate { .. } | Found::Attribute { .. } | Found::Wedge { .. } => {}
             }
             Ok(())
         })
@@ -1130,7 +1212,7 @@ mod tests {
         assert_eq!(message, "file: line 5: a second property 'x' of element 'vertex'");
         let elements: String = (0..2000).map(|number| format!("element e{number} 0\n")).collect();
         let message = refusal(read, format!("ply\nformat ascii 1.0\n{elements}end_header\n"));
-        assert_eq!(message, "file: header: more than 1000 elements and properties are declared");
+        assert_eq!(message, "file: header: more than 1000 elements, properties and images are declared");
     }
 
     #[test]

@@ -1,8 +1,10 @@
 //! Reads STL files, binary and ASCII: facets of three vertices each, with nothing shared between them.
 //!
 //! Which of the two a file is, its size tells: a binary file has 84 bytes and 50 for each facet that its header
-//! counts. The word "solid" does not tell, since there are binary files that begin with it. Normals and the two spare
-//! bytes of a binary facet are ignored. In ASCII files keywords may be in upper or lower case, and any number of
+//! counts. The word "solid" does not tell, since there are binary files that begin with it. Normals are ignored. The two
+//! spare bytes of a binary facet are a colour where the header has `COLOR=` and four bytes, as Magics writes it, and where
+//! attributes are wanted: five bits each of red, green and blue, red lowest, or the header's colour where the highest bit
+//! is set. Else nobody knows what they are. In ASCII files keywords may be in upper or lower case, and any number of
 //! solids may follow each other.
 //!
 //! Memory: one window of 256 KiB. Every byte is read once.
@@ -56,12 +58,37 @@ pub(super) fn looks_like_text(file: &dyn ReadAt) -> Result<bool, StorageError> {
 
 /// Pushes the three vertices of facet `facet`, and the face that they make.
 #[inline]
-fn push_facet(sink: &mut dyn MeshSink, facet: i64, positions: [[f64; 3]; 3]) -> Result<(), MeshError> {
+fn push_facet(
+    sink: &mut dyn MeshSink,
+    facet: i64,
+    positions: [[f64; 3]; 3],
+    colour: Option<[u8; 4]>,
+) -> Result<(), MeshError> {
     for position in positions {
         sink.vertex(Vertex::at(position))?;
     }
     let first = facet * 3;
-    sink.face(Face::new(&[first, first + 1, first + 2]))
+    let corners = [first, first + 1, first + 2];
+    let mut face = Face::new(&corners);
+    face.colour = colour;
+    sink.face(face)
+}
+
+/// The colour of the whole mesh, where a binary header says that facets have colours.
+fn header_colour(header: &[u8]) -> Option<[u8; 4]> {
+    const WORD: &[u8] = b"COLOR=";
+    let place = header.windows(WORD.len()).position(|bytes| bytes == WORD)?;
+    header[place + WORD.len()..].first_chunk().copied()
+}
+
+/// The colour of a facet by its spare bytes.
+fn facet_colour(bits: u16, of_all: [u8; 4]) -> [u8; 4] {
+    if bits & 0x8000 != 0 {
+        return of_all;
+    }
+    // Five bits to eight, rounded.
+    let channel = |shift: u32| ((u32::from(bits) >> shift & 31) * 255 + 15) / 31;
+    [channel(0) as u8, channel(5) as u8, channel(10) as u8, u8::MAX]
 }
 
 #[inline]
@@ -82,6 +109,7 @@ fn read_binary(path: &Path, mut input: Input, sink: &mut dyn MeshSink) -> Result
         return Err(MeshError::malformed(path, "header", problem));
     }
     let facets = u32::from_le_bytes(little_endian(&header[HEADER_BYTES - 4..]));
+    let colour = if sink.wants_attributes() { header_colour(&header[..HEADER_BYTES - 4]) } else { None };
     input.consume(HEADER_BYTES);
     sink.announce(u64::from(facets) * 3, facets.into())?;
     for facet in 0..i64::from(facets) {
@@ -93,8 +121,9 @@ fn read_binary(path: &Path, mut input: Input, sink: &mut dyn MeshSink) -> Result
         // Behind the normal.
         let coordinate = |number: usize| f64::from(f32::from_le_bytes(little_endian(&bytes[12 + 4 * number..])));
         let positions = [0, 3, 6].map(|first| [coordinate(first), coordinate(first + 1), coordinate(first + 2)]);
+        let spare = u16::from_le_bytes(little_endian(&bytes[FACET_BYTES - 2..]));
         input.consume(FACET_BYTES);
-        push_facet(sink, facet, positions)?;
+        push_facet(sink, facet, positions, colour.map(|of_all| facet_colour(spare, of_all)))?;
     }
     let left = input.remaining();
     if left >= FACET_BYTES as u64 {
@@ -172,7 +201,7 @@ fn read_ascii(path: &Path, scanner: Scanner, sink: &mut dyn MeshSink) -> Result<
         ascii.scanner.next_line()?;
         while ascii.keyword(&["facet", "endsolid"])? == 0 {
             let positions = ascii.facet()?;
-            push_facet(sink, ascii.facet, positions)?;
+            push_facet(sink, ascii.facet, positions, None)?;
             ascii.facet += 1;
         }
         ascii.scanner.next_line()?;
@@ -188,7 +217,9 @@ fn read_ascii(path: &Path, scanner: Scanner, sink: &mut dyn MeshSink) -> Result<
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::testing::{Collected, lengths_accepted, read_bytes, refusal, survives_altered_bytes};
+    use super::super::testing::{
+        Collected, lengths_accepted, read_attributes, read_bytes, refusal, survives_altered_bytes,
+    };
     use super::*;
 
     type Facet = [[f32; 3]; 3];
@@ -240,6 +271,28 @@ mod tests {
         assert_eq!(found(ascii(&FACETS)), expected(&FACETS, false));
         assert_eq!(found(binary("", &[])), expected(&[], true));
         assert_eq!(found(ascii(&[])), expected(&[], false));
+    }
+
+    #[test]
+    fn spare_bytes_are_colours_only_where_the_header_says_so() {
+        let facets = [FACETS[0]; 4];
+        let colours = |header: &[u8]| {
+            let mut bytes = binary("", &facets);
+            bytes[..header.len()].copy_from_slice(header);
+            for (facet, spare) in [0x7fff_u16, 0x001f, 0x0410, 0x8000].into_iter().enumerate() {
+                bytes[84 + facet * 50 + 48..][..2].copy_from_slice(&spare.to_le_bytes());
+            }
+            let found = read_attributes(read, &[("file", &bytes)]).unwrap();
+            found.faces.iter().map(|face| face.colour).collect::<Vec<_>>()
+        };
+        assert_eq!(colours(b"made by hand"), [None; 4]);
+        let of_all = Some([9, 8, 7, 6]);
+        let expected = [Some([255; 4]), Some([255, 0, 0, 255]), Some([132, 0, 8, 255]), of_all];
+        assert_eq!(colours(b"by Magics COLOR=\x09\x08\x07\x06,MATERIAL="), expected);
+        // Without room for the colour behind it, the word is part of a name.
+        assert_eq!(colours(&[[b'x'; 71].as_slice(), b"COLOR=123"].concat()), [None; 4]);
+        let text = read_attributes(read, &[("file", ascii(&facets).as_bytes())]).unwrap();
+        assert!(text.faces.iter().all(|face| face.colour.is_none()));
     }
 
     #[test]

@@ -191,6 +191,33 @@ impl Scanner {
         self.end_line()
     }
 
+    /// Whether the next word of the current line is this one.
+    pub fn is_ahead(&mut self, word: &[u8]) -> Result<bool, MeshError> {
+        if self.at_line_end()? {
+            return Ok(false);
+        }
+        let behind = self.input.peek(word.len() + 1)?.strip_prefix(word);
+        Ok(behind.is_some_and(|behind| behind.first().is_none_or(|&byte| is_blank(byte) || is_line_end(byte))))
+    }
+
+    /// The rest of the current line without blanks around it, as a name may have blanks in it; a comment behind a blank is
+    /// no part of it. A backslash at its end joins nothing.
+    pub fn rest_of_line(&mut self) -> Result<String, MeshError> {
+        if self.at_line_end()? {
+            return Ok(String::new());
+        }
+        let ahead = self.input.peek(WORD_LIMIT + 1)?;
+        let mut length = ahead.iter().position(|&byte| is_line_end(byte)).unwrap_or(ahead.len());
+        let comment = self.syntax.comment;
+        if let Some(blank) = ahead[..length].windows(2).position(|pair| is_blank(pair[0]) && Some(pair[1]) == comment) {
+            length = blank;
+        }
+        if length > WORD_LIMIT {
+            return Err(self.malformed(format!("a name of more than {WORD_LIMIT} bytes")));
+        }
+        Ok(String::from_utf8_lossy(self.input.take(length)).trim().to_string())
+    }
+
     /// Moves past the words that are left of the current line and of the lines joined to it.
     pub fn skip_words(&mut self) -> Result<(), MeshError> {
         while self.word()?.is_some() {}
@@ -346,6 +373,28 @@ mod tests {
         }
         assert_eq!(found, ["b", "c", "e"]);
         assert_eq!(scanner.line(), 7);
+    }
+
+    #[test]
+    fn the_rest_of_a_line_is_a_name_with_blanks() {
+        for (text, expected) in [
+            ("map_Kd  my picture.png \t\r\nnext", "my picture.png"),
+            ("map_Kd C:\\a b\\\nnext", "C:\\a b\\"),
+            ("map_Kd a#b # comment\nnext", "a#b"),
+            ("map_Kd # comment\nnext", ""),
+            ("map_Kd\nnext", ""),
+            ("map_Kd \u{e9}", "\u{e9}"),
+        ] {
+            let mut scanner = scanner_of(text, OBJ);
+            assert_eq!(scanner.word().unwrap(), Some(b"map_Kd".as_slice()));
+            assert_eq!(scanner.rest_of_line().unwrap(), expected, "{text}");
+            if scanner.next_line().unwrap() {
+                assert_eq!(scanner.word().unwrap(), Some(b"next".as_slice()), "{text}");
+            }
+        }
+        let mut scanner = scanner_of(format!("usemtl {}", "a ".repeat(3000)), OBJ);
+        scanner.word().unwrap();
+        assert_eq!(scanner.rest_of_line().unwrap_err().to_string(), "file: line 1: a name of more than 4096 bytes");
     }
 
     #[test]

@@ -5,27 +5,24 @@
 //! key shrink, the old one stands). The cheaper direction is tried first; where it is not legal, the other direction
 //! becomes a candidate of its own, with its own key.
 //!
-//! *Switch values* are monotone over the dependency DAG, not only over the tree: a collapse takes the maximum of its own
-//! error, of the switch values of the collapses that last rewrote the triangles around the vertex that goes or took one
-//! away from there, and of its two child nodes (`facts/error.md`, section 2). So every triangle of a uniform cut is one
-//! that the construction went through, corner for corner, and uniform cuts need no forced split. (The legality tests also
-//! read the star of the vertex that stays. To be monotone over that too was measured: switch values 3 to 8 % larger, and
-//! on three scans not one edge of the uniform cuts less used twice.)
+//! *Dependency ids* ([`crate::tree::id_after`]), and with them switch values, are monotone over the dependency DAG, not only
+//! over the tree: the id of a collapse has at least the class of its own error, and is above those of the collapses that last
+//! rewrote the triangles around the vertex that goes or took one away from there, and of its two child nodes
+//! (`facts/error.md`, section 2). So every triangle of a uniform cut is one that the construction went through, corner for
+//! corner, and uniform cuts need no forced split. (The legality tests also read the star of the vertex that stays. To be
+//! monotone over that too was measured: switch values 3 to 8 % larger, and on three scans not one edge of the uniform cuts
+//! less used twice.)
 //!
 //! What a collapse reads are the stars of its two ends, their quadrics and nodes, and positions; what it writes are the
 //! stars of the ring of the vertex that goes, and the vertex that stays. External passes rest on that (`unsettled`).
 
-use crate::tree::{ErrorBound, NormalCone, enclosing_cone, enclosing_radius};
+use crate::tree::{ErrorBound, NormalCone, enclosing_cone, enclosing_radius, id_after};
 
 use super::bound::{Rewriter, Rewritten};
 use super::legality::{Rings, Verdict};
 use super::live_mesh::{LiveMesh, Vertex};
 use super::log::LoggedCollapse;
 use super::metric::CollapseMetric;
-
-/// Switch values start here, in units of the normalised mesh (which is between a half and one wide): flat regions have
-/// no error but rounding noise, and "split where the switch value is above 0" must still split everything.
-const SMALLEST_SWITCH: f32 = 1.0 / (1_u64 << 33) as f32;
 
 /// An edge that waits for its collapse. Ordered by key, then by a hash of the canonical ids (in id order, flat regions
 /// would be eaten up from one side), then by the ids: local ones, which keep the order of the canonical ones.
@@ -205,8 +202,8 @@ impl<M: CollapseMetric> Engine<M> {
         Candidate::of([a, b], ends.map(|end| end.id), keys[0].min(keys[1]))
     }
 
-    /// The turn of a candidate has come. `order` is what a collapse has as its place in the build order, in its round.
-    pub fn attempt(&mut self, candidate: Candidate, order: u32) -> Outcome {
+    /// The turn of a candidate has come.
+    pub fn attempt(&mut self, candidate: Candidate) -> Outcome {
         let (low, high) = candidate.vertices();
         if self.mesh.vertices[low as usize].is_gone() || self.mesh.vertices[high as usize].is_gone() {
             return Outcome::Gone;
@@ -226,29 +223,28 @@ impl<M: CollapseMetric> Engine<M> {
             Verdict::Illegal if candidate.is_dearer() => return Outcome::Illegal,
             Verdict::Illegal => return Outcome::OtherWay(candidate.dearer(candidate.key.max(directions.dearer.0))),
         }
-        self.collapse(gone, stays, order);
+        self.collapse(gone, stays);
         Outcome::Collapsed { stays }
     }
 
     /// Collapses `gone`, whose ring is at hand, onto `stays`.
-    fn collapse(&mut self, gone: u32, stays: u32, order: u32) {
+    fn collapse(&mut self, gone: u32, stays: u32) {
         let d = self.mesh.displacement(gone, stays);
         let gone_quadric = self.mesh.vertices[gone as usize].quadric;
-        let Rewritten { error: own, rewriters: other_rewriters } = self.error_of(gone, stays, d);
+        let Rewritten { mut error, latest: of_others } = self.error_of(gone, stays, d);
         let born = self.mesh.nodes[gone as usize];
         let kept = self.mesh.nodes[stays as usize];
         let star = self.mesh.star(gone).iter();
-        let rewriters =
-            star.map(|triangle| self.mesh.triangles[*triangle as usize].switch).fold(other_rewriters, f32::max);
-        let mut switch =
-            own.max(born.switch).max(kept.switch).max(rewriters).max(born.star_switch).max(SMALLEST_SWITCH);
+        let of_star = star.map(|triangle| self.mesh.triangles[*triangle as usize].order).fold(of_others, u32::max);
+        let latest = of_star.max(born.order).max(kept.order).max(born.star_order);
         if self.rules == Rules::Relaxed {
             let lost = self.rings.gone.iter().filter(|pair| pair.contains(&stays)).count() as u32;
             self.watched.triangles -= lost;
             if self.watched.triangles == 0 {
-                switch = switch.max(self.watched.diameter);
+                error = error.max(self.watched.diameter);
             }
         }
+        let order = id_after(error, latest);
 
         let stays_quadric = &mut self.mesh.vertices[stays as usize].quadric;
         self.metric.merge(&gone_quadric, stays_quadric, d);
@@ -257,16 +253,16 @@ impl<M: CollapseMetric> Engine<M> {
         for corner in self.rings.gone.as_flattened() {
             self.mesh.touch(*corner, self.round);
         }
-        self.mesh.contract(gone, stays, &self.rings.gone, switch, &mut self.dead);
+        self.mesh.contract(gone, stays, &self.rings.gone, order, &mut self.dead);
         if let Some(rewriter) = &mut self.rewriter {
-            rewriter.write(&mut self.mesh, switch);
+            rewriter.write(&mut self.mesh, order);
         }
         for (triangle, apex) in &self.dead {
             self.deaths.push((self.mesh.triangle_ids[*triangle as usize], born.id));
-            let lost = &mut self.mesh.nodes[*apex as usize].star_switch;
-            *lost = lost.max(switch);
+            let lost = &mut self.mesh.nodes[*apex as usize].star_order;
+            *lost = order.max(*lost);
         }
-        self.write_down(gone, stays, switch, order);
+        self.write_down(gone, stays, order);
     }
 
     /// The error of the collapse of `gone`, whose ring is at hand, onto `stays`, and what it depends on beyond the triangles
@@ -280,20 +276,20 @@ impl<M: CollapseMetric> Engine<M> {
                 // vanished. (No legal collapse makes a part vanish.)
                 let most = if is_relaxed { watched.diameter } else { f32::MAX };
                 let rewritten = rewriter.measure(mesh, gone, stays, &rings.gone);
-                let Rewritten { error, rewriters } = rewritten.unwrap_or(Rewritten { error: most, rewriters: 0.0 });
-                Rewritten { error: error.min(most), rewriters }
+                let Rewritten { error, latest } = rewritten.unwrap_or(Rewritten { error: most, latest: 0 });
+                Rewritten { error: error.min(most), latest }
             }
             None => {
                 let [gone_quadric, stays_quadric] = [gone, stays].map(|end| &mesh.vertices[end as usize].quadric);
                 let error = metric.error(gone_quadric, stays_quadric, d);
                 let error = if is_relaxed { error.max(end_phase_error(mesh, gone, stays, &rings.gone)) } else { error };
-                Rewritten { error, rewriters: 0.0 }
+                Rewritten { error, latest: 0 }
             }
         }
     }
 
     /// Makes the node of `gone` a child of that of `stays`, and logs it.
-    fn write_down(&mut self, gone: u32, stays: u32, switch: f32, order: u32) {
+    fn write_down(&mut self, gone: u32, stays: u32, order: u32) {
         let born = self.mesh.nodes[gone as usize];
         let node = &mut self.mesh.nodes[stays as usize];
         let radius = enclosing_radius(node.position, node.radius, born.position, born.radius);
@@ -304,29 +300,24 @@ impl<M: CollapseMetric> Engine<M> {
             kept_leaves: node.leaves,
             kept_split: node.last_split,
             born_split: born.last_split,
-            round: self.round,
-            key: order,
-            switch: in_mesh_units(switch, self.unit),
+            id: order,
             radius,
             cone,
+            normal: born.normal,
         });
-        node.switch = switch;
+        node.order = order;
         node.last_split = node.leaves;
         node.leaves += born.leaves;
         node.radius = radius;
         node.cone = cone;
     }
 
-    /// Unites two vertices at which no triangle is left (the end of the end phase). The switch value is normalised.
-    pub fn join(&mut self, kept: u32, born: u32, switch: f32, order: u32) {
-        self.write_down(born, kept, switch, order);
+    /// Unites two vertices at which no triangle is left (the end of the end phase). The error is normalised; `latest` is the
+    /// largest id of what the union depends on besides the two.
+    pub fn join(&mut self, kept: u32, born: u32, error: f32, latest: u32) {
+        let [of_kept, of_born] = [kept, born].map(|vertex| self.mesh.nodes[vertex as usize].order);
+        self.write_down(born, kept, id_after(error, latest.max(of_kept).max(of_born)));
     }
-}
-
-/// A power of two, so the order of switch values survives; where the mesh is so small that they would vanish, the
-/// smallest number that does not.
-fn in_mesh_units(switch: f32, unit: f64) -> f32 {
-    ((f64::from(switch) * unit) as f32).clamp(f32::MIN_POSITIVE, f32::MAX)
 }
 
 /// How far a collapse without legality tests can move or swallow the surface: the length of the edge, and of the

@@ -15,22 +15,20 @@ use std::collections::BinaryHeap;
 
 use super::collapse::{Candidate, Engine, Outcome, Watched};
 use super::components::Components;
+use super::live_mesh::Node;
 use super::log::LoggedRoot;
 use super::metric::CollapseMetric;
 
 /// Runs the end phase on the components for which `is_taken` holds, of which all that is left is in the engine's mesh, and
-/// appends their roots. `round` is the number under which its collapses are logged. `after_component` takes away what was
-/// written down.
+/// appends their roots. `after_component` takes away what was written down.
 pub(super) fn run<M: CollapseMetric, E>(
     engine: &mut Engine<M>,
     components: &Components,
     is_taken: impl Fn(u32) -> bool,
-    round: u32,
     roots: &mut Vec<LoggedRoot>,
     mut after_component: impl FnMut(&mut Engine<M>) -> Result<(), E>,
 ) -> Result<(), E> {
     engine.relax();
-    engine.round = round;
     let mut vertices: Vec<(u32, u32)> = (0..engine.mesh.vertices.len() as u32)
         .filter(|vertex| !engine.mesh.vertices[*vertex as usize].is_gone())
         .map(|vertex| (components.of(engine.mesh.nodes[vertex as usize].label), vertex))
@@ -53,23 +51,20 @@ pub(super) fn run<M: CollapseMetric, E>(
         let triangles = triangles.next_if(|triangles| triangles[0].0 == component).unwrap_or_default();
         let diameter = ((components.diameter(component) / engine.unit()) as f32).next_up();
         engine.watched = Watched { triangles: triangles.len() as u32, diameter };
-        let mut order = 0;
-        collapse_all(engine, triangles, &mut heap, &mut order);
-        let root = join_remains(engine, vertices, &mut order);
-        let node = &engine.mesh.nodes[root as usize];
-        let (vertex, leaves, split) = (node.id, node.leaves, node.last_split);
-        roots.push(LoggedRoot { vertex, leaves, split, outward: components.outward(component) });
+        collapse_all(engine, triangles, &mut heap);
+        let root = join_remains(engine, vertices);
+        let Node { id: vertex, leaves, last_split: split, normal, .. } = engine.mesh.nodes[root as usize];
+        roots.push(LoggedRoot { vertex, leaves, split, outward: components.outward(component), normal });
         after_component(engine)?;
     }
     Ok(())
 }
 
-/// Collapses edges, the cheapest first, until no triangle of the component is left. `order` counts collapses.
+/// Collapses edges, the cheapest first, until no triangle of the component is left.
 fn collapse_all<M: CollapseMetric>(
     engine: &mut Engine<M>,
     triangles: &[(u32, u32)],
     heap: &mut BinaryHeap<Reverse<Candidate>>,
-    order: &mut u32,
 ) {
     heap.clear();
     for (_, triangle) in triangles {
@@ -80,11 +75,10 @@ fn collapse_all<M: CollapseMetric>(
     }
     let mut ring = Vec::new();
     while let Some(Reverse(candidate)) = heap.pop() {
-        match engine.attempt(candidate, *order) {
+        match engine.attempt(candidate) {
             Outcome::Gone | Outcome::Illegal => {}
             Outcome::Grown(again) | Outcome::OtherWay(again) => heap.push(Reverse(again)),
             Outcome::Collapsed { stays } => {
-                *order += 1;
                 // The quadric of `stays` has changed, and with it the keys of all its edges.
                 engine.mesh.fill_ring(stays, &mut ring);
                 for other in ring.as_flattened() {
@@ -96,15 +90,14 @@ fn collapse_all<M: CollapseMetric>(
 }
 
 /// Joins the vertices that are left of a component to one root, and names it.
-fn join_remains<M: CollapseMetric>(engine: &mut Engine<M>, vertices: &[(u32, u32)], order: &mut u32) -> u32 {
+fn join_remains<M: CollapseMetric>(engine: &mut Engine<M>, vertices: &[(u32, u32)]) -> u32 {
     let is_left = |vertex: &u32| !engine.mesh.vertices[*vertex as usize].is_gone();
     let mut remains: Vec<u32> = vertices.iter().map(|(_, vertex)| *vertex).filter(is_left).collect();
-    let own = remains.iter().map(|vertex| engine.mesh.nodes[*vertex as usize].switch).fold(0.0, f32::max);
-    let switch = own.max(engine.watched.diameter);
+    let latest = remains.iter().map(|vertex| engine.mesh.nodes[*vertex as usize].order).fold(0, u32::max);
+    let diameter = engine.watched.diameter;
     while remains.len() > 1 {
         for pair in remains.chunks_exact(2) {
-            engine.join(pair[0], pair[1], switch, *order);
-            *order += 1;
+            engine.join(pair[0], pair[1], diameter, latest);
         }
         remains = remains.into_iter().step_by(2).collect();
     }

@@ -1,11 +1,11 @@
-//! The state of the mesh before the first collapse: special vertices, quadrics, the cones of the leaves.
+//! The state of the mesh before the first collapse: special vertices, quadrics, the cones and normals of the leaves.
 //!
 //! All of it follows, vertex by vertex, from the triangles at a vertex, summed in canonical order. So a vertex comes out
 //! the same whether its star is found in the whole mesh, in a block, or in a list of the triangles at the seams.
 
 use storage::{Spool, StorageError};
 
-use crate::tree::leaf_cone;
+use crate::tree::{Normal, leaf_cone, vertex_normal};
 use crate::vector::{cross, dot, minus};
 
 use super::live_mesh::{LiveMesh, Node, Triangle, edge_use};
@@ -24,6 +24,8 @@ pub(super) struct InitialVertex {
     pub quadric: Quadric,
     /// The normals around it, as a word.
     pub cone: u32,
+    /// Their sum, by the areas of the triangles.
+    pub normal: Normal,
 }
 
 /// Finds what a vertex begins with. `ring` has the corners after the vertex of every triangle at it, in canonical order;
@@ -45,8 +47,9 @@ pub(super) fn initial_vertex(ring: &[[u32; 2]], spokes: &[[[f64; 3]; 2]], with_q
             }
         }
     }
-    let cone = leaf_cone(spokes.iter().map(|[next, previous]| cross(*next, *previous))).to_word();
-    InitialVertex { is_special, quadric, cone }
+    let normals = spokes.iter().map(|[next, previous]| cross(*next, *previous));
+    let (cone, normal) = (leaf_cone(normals.clone()).to_word(), vertex_normal(normals));
+    InitialVertex { is_special, quadric, cone, normal }
 }
 
 /// Reads the vertices of a range of a mesh, and the triangles of another one, into an empty live mesh, as they are before
@@ -81,7 +84,7 @@ pub(super) fn load(
                 *place = 0;
             }
         }
-        live.push_triangle(id, Triangle { corners, switch: 0.0 }, 0.0);
+        live.push_triangle(id, Triangle { corners, order: 0 }, 0.0);
         id += 1;
     }
     let mut reader = positions.reader_of(first_vertex.into(), end_vertex.into(), BUFFER);
@@ -98,7 +101,7 @@ pub(super) fn load(
                 }
                 None => {
                     spans.push(Span::NONE);
-                    let node = Node::leaf(first_vertex + index as u32, position, 0);
+                    let node = Node::leaf(first_vertex + index as u32, position, 0, Normal::UP);
                     live.push_vertex(node, Quadric::default(), 0);
                 }
             }
@@ -128,9 +131,10 @@ pub(super) fn load(
         let centre = position(vertex);
         spokes.clear();
         spokes.extend(ring.iter().map(|ends| ends.map(|end| minus(position(end), centre))));
-        let InitialVertex { is_special, quadric, cone } = initial_vertex(&ring, &spokes, with_quadrics);
+        let InitialVertex { is_special, quadric, cone, normal } = initial_vertex(&ring, &spokes, with_quadrics);
         live.vertices[vertex as usize].quadric = quadric;
-        live.nodes[vertex as usize].cone = cone;
+        let node = &mut live.nodes[vertex as usize];
+        (node.cone, node.normal) = (cone, normal);
         if is_special {
             live.mark_special(vertex);
         }

@@ -1,6 +1,6 @@
 //! The mesh that is left while it is being simplified, or a part of it: vertices, their stars, triangles.
 //!
-//! One cache line per vertex (position, quadric, star) with what every test reads, and 44 bytes beside it with what only
+//! One cache line per vertex (position, quadric, star) with what every test reads, and 48 bytes beside it with what only
 //! a collapse reads: the node that the vertex stands for. Stars are slices of triangle ids in one pool, with room to
 //! grow; a star that outgrows its room moves to the end of the pool. When less than 70 % of the triangles are left,
 //! everything is packed again ([`LiveMesh::compact`]). Local ids always keep the order of the canonical ids, so no
@@ -8,13 +8,13 @@
 //!
 //! What each triangle answers for, where certified switch values are asked for, is beside them (`bound`).
 //!
-//! Memory: 108 bytes per vertex, 20 per triangle, what `bound` needs, the pool of 4 bytes per corner, and 8 + 8 + 4 on
+//! Memory: 112 bytes per vertex, 20 per triangle, what `bound` needs, the pool of 4 bytes per corner, and 8 + 8 + 4 on
 //! average for each star.
 
 use bytemuck::{Pod, Zeroable};
 
 use crate::ingest::power_of_two;
-use crate::tree::ErrorBound;
+use crate::tree::{ErrorBound, Normal};
 
 use super::bound::Covers;
 use super::metric::Quadric;
@@ -101,7 +101,7 @@ impl Vertex {
     }
 }
 
-/// The node of the tree that a vertex stands for at present. 44 bytes.
+/// The node of the tree that a vertex stands for at present. 48 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Node {
@@ -109,11 +109,11 @@ pub struct Node {
     pub id: u32,
     /// Its position, in mesh units.
     pub position: [f32; 3],
-    /// Switch value, normalised; 0 for leaves.
-    pub switch: f32,
-    /// The largest switch value of a collapse that took a triangle out of the vertex's star without rewriting another
-    /// one there for certain; normalised, 0 where there was none.
-    pub star_switch: f32,
+    /// Its dependency id; 0 for leaves.
+    pub order: u32,
+    /// The largest id of a collapse that took a triangle out of the vertex's star without rewriting another one there for
+    /// certain; 0 where there was none.
+    pub star_order: u32,
     /// Leaves under the node.
     pub leaves: u32,
     /// Leaves under the kept child of its last split; 0 for leaves.
@@ -122,14 +122,16 @@ pub struct Node {
     pub radius: f32,
     /// Its normal cone, as a word.
     pub cone: u32,
+    /// The normal of the input at the vertex.
+    pub normal: Normal,
     /// The label of its component, see `components`.
     pub label: u32,
 }
 
 impl Node {
     /// The leaf that is a vertex of the input.
-    pub fn leaf(id: u32, position: [f32; 3], cone: u32) -> Self {
-        Node { id, position, switch: 0.0, star_switch: 0.0, leaves: 1, last_split: 0, radius: 0.0, cone, label: 0 }
+    pub fn leaf(id: u32, position: [f32; 3], cone: u32, normal: Normal) -> Self {
+        Node { id, position, order: 0, star_order: 0, leaves: 1, last_split: 0, radius: 0.0, cone, normal, label: 0 }
     }
 }
 
@@ -139,12 +141,12 @@ impl Node {
 pub(super) struct Triangle {
     /// Its corners in its orientation. Of a triangle that is gone, all three are the same.
     pub corners: [u32; 3],
-    /// Switch value of the collapse that rewrote it last; 0 where none did.
-    pub switch: f32,
+    /// Dependency id of the collapse that rewrote it last; 0 where none did.
+    pub order: u32,
 }
 
 impl Triangle {
-    const GONE: Triangle = Triangle { corners: [u32::MAX; 3], switch: 0.0 };
+    const GONE: Triangle = Triangle { corners: [u32::MAX; 3], order: 0 };
 
     #[inline]
     pub fn is_gone(&self) -> bool {
@@ -417,9 +419,9 @@ impl LiveMesh {
     }
 
     /// Moves every triangle of the star of `gone`, whose ring is `ring`, to `stays`; `dead` receives those that had
-    /// both, which are then gone, each with its third corner. The survivors get `switch` as that of the collapse that
+    /// both, which are then gone, each with its third corner. The survivors get `order` as that of the collapse that
     /// rewrote them.
-    pub fn contract(&mut self, gone: u32, stays: u32, ring: &[[u32; 2]], switch: f32, dead: &mut Vec<(u32, u32)>) {
+    pub fn contract(&mut self, gone: u32, stays: u32, ring: &[[u32; 2]], order: u32, dead: &mut Vec<(u32, u32)>) {
         dead.clear();
         let Vertex { star, .. } = self.vertices[gone as usize];
         // The triangles that survive, packed to the front of the old star.
@@ -432,7 +434,7 @@ impl LiveMesh {
                 dead.push((triangle, *next));
             } else {
                 // In the same orientation, from the corner that was rewritten on.
-                self.triangles[triangle as usize] = Triangle { corners: [stays, *next, *previous], switch };
+                self.triangles[triangle as usize] = Triangle { corners: [stays, *next, *previous], order };
                 self.pool[(star + survivors) as usize] = triangle;
                 survivors += 1;
             }
@@ -505,9 +507,9 @@ impl LiveMesh {
         let mut kept = 0;
         for old in 0..self.triangles.len() {
             if self.is_live(old) {
-                let Triangle { corners, switch } = self.triangles[old];
+                let Triangle { corners, order } = self.triangles[old];
                 let corners = corners.map(|corner| renumbered[corner as usize]);
-                self.triangles[kept] = Triangle { corners, switch };
+                self.triangles[kept] = Triangle { corners, order };
                 self.triangle_ids[kept] = self.triangle_ids[old];
                 self.covers.renumber(old, kept);
                 kept += 1;

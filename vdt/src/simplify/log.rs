@@ -6,11 +6,12 @@
 //! itself).
 
 use super::SpannedCounters;
+use crate::tree::Normal;
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 use storage::{KeptScattered, KeptSpool, Scattered, Scratch, Spool, StorageError};
 
-/// A collapse. Vertices are named by canonical ids. 40 bytes.
+/// A collapse. Vertices are named by canonical ids. 36 bytes.
 ///
 /// Every vertex but the roots is born by exactly one collapse, so `born` names the node. A child's split is given by how
 /// many leaves that split's kept child has: in the final numbering the leaf that it bears lies so many behind the child's
@@ -29,31 +30,14 @@ pub struct LoggedCollapse {
     pub kept_split: u32,
     /// Leaves under the kept child of the born child's split; 0 where the born child is a leaf.
     pub born_split: u32,
-    /// Build order, first part: the round. Collapses in build order ascend by
-    /// (`round`, `key`, hash of the two ids, smaller id, larger id), see [`LoggedCollapse::build_order`].
-    pub round: u32,
-    /// Build order, second part: the bits of the key in the round; with the priority queue a running number.
-    pub key: u32,
-    /// Switch value of the new node, in mesh units.
-    pub switch: f32,
+    /// Dependency id of the new node, see [`crate::tree::id_after`].
+    pub id: u32,
     /// Radius of the node's bounding sphere, in mesh units.
     pub radius: f32,
     /// The node's normal cone, as [`crate::tree::NormalCone::to_word`] has it, for triangles as they are oriented.
     pub cone: u32,
-}
-
-impl LoggedCollapse {
-    /// The place of the collapse among all, as a tuple that orders as they were decided.
-    pub fn build_order(&self) -> (u32, u32, u32, u32, u32) {
-        let (hash, low, high) = tie_order(self.kept, self.born);
-        (self.round, self.key, hash, low, high)
-    }
-}
-
-/// The order of two collapses with the same round and key: by a hash of the two vertices, then by the vertices.
-pub(crate) fn tie_order(kept: u32, born: u32) -> (u32, u32, u32) {
-    let (low, high) = (kept.min(born), kept.max(born));
-    (super::collapse::hash_pair(low, high), low, high)
+    /// The normal of the input at the vertex that goes.
+    pub normal: Normal,
 }
 
 /// What is left of a component: one vertex, under which all others are.
@@ -68,12 +52,15 @@ pub struct LoggedRoot {
     /// Which way is out: 1 or -1 times the orientation of the triangles; 0 where the surface has no inside (it is not
     /// closed, not consistently oriented, or without a volume), so that no cone may be used.
     pub outward: i8,
+    /// The normal of the input at it.
+    pub normal: Normal,
 }
 
 /// Everything that happened to a mesh until one root per component was left.
 #[derive(Debug)]
 pub struct Simplified {
-    /// Every collapse once, in an order in which a node's children come before it: not necessarily the build order.
+    /// Every collapse once, in an order in which a node's children come before it: not necessarily that in which they were
+    /// decided, unless all was in memory.
     pub log: Spool<LoggedCollapse>,
     /// For each canonical triangle the vertex born by the collapse at which it disappeared.
     pub deaths: Scattered<u32>,
@@ -97,7 +84,7 @@ pub struct KeptSimplified {
     legal_collapses: u64,
     /// Holds the file of the roots until the checkpoint has taken it over.
     #[serde(skip)]
-    _roots_file: Option<Spool<[u32; 4]>>,
+    _roots_file: Option<Spool<[u32; 5]>>,
 }
 
 impl KeptSimplified {
@@ -110,7 +97,8 @@ impl KeptSimplified {
 impl Simplified {
     /// Keeps it for a checkpoint: its files stay when it goes. Says how to open it again.
     pub fn keep(&mut self, scratch: &Scratch) -> Result<KeptSimplified, StorageError> {
-        let words = |root: &LoggedRoot| [root.vertex, root.leaves, root.split, root.outward as u32];
+        let words =
+            |root: &LoggedRoot| [root.vertex, root.leaves, root.split, root.outward as u32, root.normal.to_word()];
         let mut roots = Spool::from_vec(self.roots.iter().map(words).collect());
         Ok(KeptSimplified {
             log: self.log.keep(scratch, "log")?,
@@ -124,11 +112,12 @@ impl Simplified {
 
     /// Opens one that was kept.
     pub fn reopen(scratch: &Scratch, kept: &KeptSimplified) -> Result<Self, StorageError> {
-        let spool = Spool::<[u32; 4]>::reopen(scratch, &kept.roots)?;
+        let spool = Spool::<[u32; 5]>::reopen(scratch, &kept.roots)?;
         let mut reader = spool.reader(0);
         let mut roots = Vec::with_capacity(spool.len() as usize);
-        while let Some([vertex, leaves, split, outward]) = reader.next()? {
-            roots.push(LoggedRoot { vertex, leaves, split, outward: outward as i8 });
+        while let Some([vertex, leaves, split, outward, normal]) = reader.next()? {
+            let normal = Normal::from_word(normal);
+            roots.push(LoggedRoot { vertex, leaves, split, outward: outward as i8, normal });
         }
         Ok(Simplified {
             log: Spool::reopen(scratch, &kept.log)?,

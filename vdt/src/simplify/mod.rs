@@ -226,7 +226,7 @@ fn run<M: CollapseMetric>(
     }
     let legal = journal.collapses();
     let mut roots = Vec::new();
-    end_phase::run(&mut engine, &components, |_| true, schedule.done + 1, &mut roots, &mut take)?;
+    end_phase::run(&mut engine, &components, |_| true, &mut roots, &mut take)?;
     Ok(journal.finish(roots, schedule.done, legal)?)
 }
 

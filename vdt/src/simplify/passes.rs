@@ -472,7 +472,7 @@ pub(super) fn run<M: CollapseMetric>(
     drop(inboxes);
     let components = labels.into_inner().unwrap_or_else(PoisonError::into_inner).join()?;
     if !blocks.fit(plan) {
-        let end = EndPhase { plan, scratch, journal, components: &components, round: schedule.done + 1 };
+        let end = EndPhase { plan, scratch, journal, components: &components };
         let legal_collapses = journal.collapses();
         let roots = end.run(&mut workspaces, blocks)?;
         return Ok(Left::Roots { roots, legal_collapses });
@@ -496,7 +496,6 @@ struct EndPhase<'a> {
     scratch: &'a Scratch,
     journal: &'a Journal,
     components: &'a Components,
-    round: u32,
 }
 
 impl EndPhase<'_> {
@@ -549,7 +548,7 @@ impl EndPhase<'_> {
         let mut roots = Vec::new();
         let is_taken = |component: u32| !elsewhere.contains(&component);
         let take = |engine: &mut Engine<M>| self.journal.take(engine);
-        end_phase::run(engine, self.components, is_taken, self.round, &mut roots, take)?;
+        end_phase::run(engine, self.components, is_taken, &mut roots, take)?;
         if elsewhere.is_empty() {
             return Ok((roots, None));
         }

@@ -17,8 +17,6 @@ pub(super) struct Waiting {
     pub heap: BinaryHeap<Reverse<Candidate>>,
     /// Edges that were found illegal, smaller vertex first.
     pub rejected: HashSet<(u32, u32)>,
-    /// Collapses so far.
-    pub order: u32,
 }
 
 impl Waiting {
@@ -35,18 +33,18 @@ impl Waiting {
                 }
             }
         }
-        Waiting { heap, rejected: HashSet::new(), order: 0 }
+        Waiting { heap, rejected: HashSet::new() }
     }
 }
 
-/// Collapses until no legal candidate is left. The build order is a running number. `after_some` takes away what was
+/// Collapses until no legal candidate is left. `after_some` takes away what was
 /// written down.
 pub(super) fn run<M: CollapseMetric, E>(
     engine: &mut Engine<M>,
     waiting: Waiting,
     mut after_some: impl FnMut(&mut Engine<M>) -> Result<(), E>,
 ) -> Result<(), E> {
-    let Waiting { mut heap, mut rejected, mut order } = waiting;
+    let Waiting { mut heap, mut rejected } = waiting;
     // For each vertex how many of its edges are rejected.
     let mut rejected_at = vec![0_u32; engine.mesh.vertices.len()];
     for (low, high) in &rejected {
@@ -56,7 +54,7 @@ pub(super) fn run<M: CollapseMetric, E>(
     let mut ring = Vec::new();
     while let Some(Reverse(candidate)) = heap.pop() {
         let (low, high) = candidate.vertices();
-        match engine.attempt(candidate, order) {
+        match engine.attempt(candidate) {
             Outcome::Gone => {}
             Outcome::Grown(again) | Outcome::OtherWay(again) => heap.push(Reverse(again)),
             Outcome::Illegal => {
@@ -66,7 +64,6 @@ pub(super) fn run<M: CollapseMetric, E>(
                 }
             }
             Outcome::Collapsed { stays } => {
-                order += 1;
                 neighbours(engine, stays, &mut ring);
                 // The quadric of `stays` has changed, and with it the keys of all its edges.
                 for other in &ring {
@@ -87,7 +84,7 @@ pub(super) fn run<M: CollapseMetric, E>(
                     }
                 }
                 ring = around;
-                if order.is_multiple_of(4096) {
+                if engine.collapses.len() >= 4096 {
                     after_some(engine)?;
                 }
             }

@@ -2,7 +2,7 @@
 //! [`Piece`] of them.
 //!
 //! A piece is any part of the mesh: triangles, and all their corners. A vertex whose triangles lie in several pieces has
-//! a record in each; the copies agree but for the rounds and switch values that grow, of which the largest counts
+//! a record in each; the copies agree but for the rounds and dependency ids that grow, of which the largest counts
 //! ([`VertexRecord::unite`]).
 
 use std::cmp::Ordering;
@@ -16,7 +16,7 @@ use super::live_mesh::{LiveMesh, Node, Triangle, Vertex};
 use super::metric::Quadric;
 use crate::tree::ErrorBound;
 
-/// A vertex that is left. 92 bytes.
+/// A vertex that is left. 96 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct VertexRecord {
@@ -37,7 +37,7 @@ impl VertexRecord {
     pub fn unite(&mut self, other: &VertexRecord) {
         // The round is in the low bits, the flags above it are the same in all copies.
         self.state = self.state.max(other.state);
-        self.node.star_switch = self.node.star_switch.max(other.node.star_switch);
+        self.node.star_order = self.node.star_order.max(other.node.star_order);
         self.span = self.span.around(other.span);
     }
 }
@@ -93,8 +93,8 @@ pub struct TriangleRecord {
     pub corners: [u32; 3],
     /// Its canonical id.
     pub id: u32,
-    /// Switch value of the collapse that rewrote it last; 0 where none did.
-    pub switch: f32,
+    /// Dependency id of the collapse that rewrote it last; 0 where none did.
+    pub order: u32,
     /// How far, at most, what it answers for itself lies from it, see `bound`.
     pub residual: f32,
 }
@@ -164,11 +164,11 @@ impl PieceWriter {
         }
         let mut kept: Vec<CutPiece> = Vec::new();
         for (place, triangle) in (0..).zip(chosen()) {
-            let Triangle { corners, switch } = mesh.triangles[triangle];
+            let Triangle { corners, order } = mesh.triangles[triangle];
             let corners = corners.map(|corner| places[corner as usize]);
             let cover = mesh.covers.of(triangle);
             let id = mesh.triangle_ids[triangle];
-            self.triangles.push(TriangleRecord { corners, id, switch, residual: cover.residual })?;
+            self.triangles.push(TriangleRecord { corners, id, order, residual: cover.residual })?;
             if let Some(reverses) = &mut self.reverses {
                 reverses.push(mesh.covers.reverse(triangle))?;
             }
@@ -241,9 +241,9 @@ pub(super) fn read_pieces<'a>(
     for ((number, piece), places) in pieces.zip(&places) {
         let mut reader = piece.triangles.reader(256 << 10);
         let first = mesh.triangles.len();
-        while let Some(TriangleRecord { corners, id, switch, residual }) = reader.next()? {
+        while let Some(TriangleRecord { corners, id, order, residual }) = reader.next()? {
             let corners = corners.map(|corner| places[corner as usize]);
-            mesh.push_triangle(id, Triangle { corners, switch }, residual);
+            mesh.push_triangle(id, Triangle { corners, order }, residual);
             numbers.push(number);
         }
         let mut reader = piece.cut_pieces.reader(256 << 10);

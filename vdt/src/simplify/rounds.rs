@@ -260,7 +260,7 @@ impl Batch {
                 undecided.push(candidate);
                 continue;
             }
-            match engine.attempt(candidate, candidate.key) {
+            match engine.attempt(candidate) {
                 Outcome::Grown(again) | Outcome::OtherWay(again) if again.key <= limit => waiting.push(Reverse(again)),
                 _ => {}
             }

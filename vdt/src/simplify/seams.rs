@@ -173,11 +173,12 @@ pub(super) fn find<M: CollapseMetric>(
             }
             next = stars.next()?;
         }
-        let InitialVertex { is_special, quadric, cone } = initial_vertex(&ring, &spokes, metric.uses_quadrics());
+        let InitialVertex { is_special, quadric, cone, normal } =
+            initial_vertex(&ring, &spokes, metric.uses_quadrics());
         if at_seam.has(vertex) {
             let (first, last) = (blocks[0] as u16, blocks[blocks.len() - 1] as u16);
             let state = if is_special { SPECIAL } else { 0 };
-            let node = Node::leaf(vertex, position, cone);
+            let node = Node::leaf(vertex, position, cone, normal);
             let record = VertexRecord { node, quadric, state, span: Span { first, last } };
             for block in &blocks {
                 inboxes[*block as usize].push(record)?;

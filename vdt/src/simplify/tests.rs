@@ -1,5 +1,4 @@
-//! Whatever the blocks, the memory and the threads: the same collapses with the same values, at the same places of the
-//! build order.
+//! Whatever the blocks, the memory and the threads: the same collapses with the same values.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -9,13 +8,13 @@ use storage::{MemoryDisk, Spool};
 
 use super::*;
 use crate::generate::{GenerateOptions, Shape, generate};
-use crate::ingest::{CoreMesh, FileCounts, MeshBlock, load as load_mesh};
+use crate::ingest::{CoreMesh, FileCounts, MeshBlock, PositionsRule, load as load_mesh};
 
 pub(super) fn made(shape: Shape, triangles: u64, seed: u64) -> CoreMesh {
     let disk = MemoryDisk::new();
     let options = GenerateOptions { shape, triangles, seed };
     generate(Arc::new(disk.clone()), Path::new("mesh.ply"), &options, &mut |_| {}).unwrap();
-    load_mesh(&disk, &["mesh.ply".into()], ByteSize(1 << 40), &|_| ByteSize(0)).unwrap().0
+    load_mesh(&disk, &["mesh.ply".into()], PositionsRule::LOSSLESS, ByteSize(1 << 40), &|_| ByteSize(0)).unwrap().0
 }
 
 /// Triangles that have nothing to do with each other: no legal collapse at all.
@@ -48,7 +47,7 @@ pub(super) fn blocked(mesh: &CoreMesh, block_vertices: u32) -> StoredMesh {
     stored
 }
 
-/// What a simplification came to, in build order.
+/// What a simplification came to, its collapses by the vertices that went.
 #[derive(Debug, PartialEq)]
 pub(super) struct Outcome {
     log: Vec<log::LoggedCollapse>,
@@ -62,7 +61,7 @@ impl Outcome {
     pub(super) fn of(simplified: Simplified) -> Self {
         let mut log = vec![bytemuck::Zeroable::zeroed(); simplified.log.len() as usize];
         simplified.log.read_at(0, &mut log).unwrap();
-        log.sort_by_key(log::LoggedCollapse::build_order);
+        log.sort_by_key(|collapse| collapse.born);
         let mut deaths = Vec::new();
         let mut reader = simplified.deaths;
         while let Some(death) = reader.next().unwrap() {

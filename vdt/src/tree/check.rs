@@ -2,6 +2,7 @@
 
 use thiserror::Error;
 
+use super::order::switch_of;
 use super::record::{NO_SPLIT, Root, Split, Tree};
 
 /// What is wrong with a tree, and where. Splits are named by their born leaf.
@@ -45,13 +46,15 @@ pub enum TreeError {
         /// What does not fit.
         problem: &'static str,
     },
-    /// The ids are not n..n + number of splits, each once.
-    #[error("split {split}: id {id} is out of range or was used before")]
+    /// The id does not stand for a switch value, or for another one.
+    #[error("split {split}: the id {id} does not have the switch value {switch}")]
     Id {
         /// Which split.
         split: u32,
         /// Its id.
         id: u32,
+        /// Its switch value.
+        switch: f32,
     },
     /// A triangle is not born where it should be.
     #[error("triangle {triangle} {corners:?}: it is not born at split {split}, which divides {start}..{end}")]
@@ -70,15 +73,14 @@ pub enum TreeError {
 }
 
 /// Checks everything that a tree promises: intervals nest, every leaf but each tree's first is born once, switch values
-/// never fall and ids rise from child to parent, ids are unique, spheres nest, and every triangle is born once, at a
+/// never fall and ids rise from child to parent, switch values are those of the ids, spheres nest, and every triangle is born once, at a
 /// split that divides two of its corners and has the third outside.
 pub fn check(tree: &Tree) -> Result<(), TreeError> {
     let leaf_count = tree.leaf_count();
     let mut born = vec![0_u32; leaf_count];
-    let mut id_used = vec![false; leaf_count];
     let mut next_leaf = 0;
     let mut stack = Vec::new();
-    for (number, Root { start, end, split }) in tree.roots.iter().copied().enumerate() {
+    for (number, Root { start, end, split, .. }) in tree.roots.iter().copied().enumerate() {
         if start != next_leaf || end <= start || end as usize > leaf_count || split == NO_SPLIT {
             return Err(TreeError::Root { root: number, start, end });
         }
@@ -91,9 +93,8 @@ pub fn check(tree: &Tree) -> Result<(), TreeError> {
             }
             let node = &tree.splits[split as usize];
             born[split as usize] += 1;
-            match (node.id as usize).checked_sub(leaf_count).and_then(|rank| id_used.get_mut(rank)) {
-                Some(used) if !*used => *used = true,
-                _ => return Err(TreeError::Id { split, id: node.id }),
+            if node.switch <= 0.0 || node.switch != switch_of(node.id, tree.exponent) {
+                return Err(TreeError::Id { split, id: node.id, switch: node.switch });
             }
             check_triangles(tree, split, start, end)?;
             for (child, child_start, child_end) in [(node.kept, start, split), (node.born, split, end)] {

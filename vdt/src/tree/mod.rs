@@ -9,12 +9,15 @@
 //!   child `m..end`. Each leaf is born by exactly one split, but for the first leaf of each tree. So the splits are
 //!   stored by their born leaf, and a split needs no other name.
 //!
-//! Memory: 24 bytes per split, 12 per position, 12 per triangle, 4 per leaf for the triangle offsets.
+//! Memory: 28 bytes per split, 12 per position, 12 per triangle, 4 per leaf for the triangle offsets.
 
 mod bounding_spheres;
 mod check;
 mod finish;
 mod normal_cones;
+mod normals;
+mod order;
+mod positions;
 mod record;
 mod stored;
 
@@ -22,6 +25,9 @@ pub use bounding_spheres::enclosing_radius;
 pub use check::{TreeError, check};
 pub use finish::{FinishError, finish};
 pub use normal_cones::{enclosing_cone, leaf_cone};
+pub use normals::{LARGEST_ERROR as LARGEST_NORMAL_ERROR, Normal, vertex_normal};
+pub use order::{CHAIN_BITS, CLASSES_PER_OCTAVE, id_after, switch_of};
+pub use positions::{LARGEST_NUMBER, ParsePositionsError, Positions, lattice_number, on_lattice};
 pub use record::{
     BornTriangles, ErrorBound, Metric, NO_SPLIT, NormalCone, Root, Split, Strategy, Tree, UnknownNameError,
 };

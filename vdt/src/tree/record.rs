@@ -6,6 +6,8 @@ use std::str::FromStr;
 use bytemuck::{Pod, Zeroable};
 use thiserror::Error;
 
+use super::normals::Normal;
+
 /// What a collapse costs: the key by which collapses are ordered, and where switch values start from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Metric {
@@ -201,10 +203,11 @@ pub struct Split {
     pub kept: u32,
     /// The split of the born child, or [`NO_SPLIT`].
     pub born: u32,
-    /// Dependency id of the node: leaves have 0..n, inner nodes n + their rank by (switch value, build order), so
-    /// ids rise from child to parent and respect all neighbouring collapses (the paper, 3.3.5). Unique.
+    /// Dependency id of the node, see [`crate::tree::id_after`]: above those of all collapses that its own depends on (the
+    /// paper, 3.3.5), so ids rise from child to parent. Nodes that do not depend on each other may have the same. (Leaves
+    /// have 0.)
     pub id: u32,
-    /// Switch value: the error, in mesh units, of drawing the node unsplit. Positive; never falls from child to parent. That
+    /// Switch value: the error, in mesh units, of drawing the node unsplit. It is [`crate::tree::switch_of`] the id. Positive; never falls from child to parent. That
     /// of a root is no less than the diameter of its component, rounded to single precision: there the component vanishes.
     pub switch: f32,
     /// Radius of a sphere about the node's position that holds all leaf positions under it, in mesh units. Nested:
@@ -212,12 +215,22 @@ pub struct Split {
     pub radius: f32,
     /// Holds all surface normals under the node.
     pub cone: NormalCone,
+    /// The normal of the surface at the born leaf: those of the triangles at it in the input, by their areas, as the triangles
+    /// are oriented.
+    pub normal: Normal,
 }
 
 impl Split {
     /// What stands in the places that no split has: those of the first leaf of each tree.
-    pub const VACANT: Split =
-        Split { kept: NO_SPLIT, born: NO_SPLIT, id: u32::MAX, switch: 0.0, radius: 0.0, cone: NormalCone::EVERYTHING };
+    pub const VACANT: Split = Split {
+        kept: NO_SPLIT,
+        born: NO_SPLIT,
+        id: u32::MAX,
+        switch: 0.0,
+        radius: 0.0,
+        cone: NormalCone::EVERYTHING,
+        normal: Normal::UP,
+    };
 }
 
 /// A tree of the forest: one for each connected component of the mesh.
@@ -229,6 +242,11 @@ pub struct Root {
     pub end: u32,
     /// The root's split, by its born leaf. Every component has at least one triangle, so every root splits.
     pub split: u32,
+    /// The normal of the surface at the first leaf, as [`Split::normal`] is at a born one.
+    pub normal: Normal,
+    /// Whether the surface faces the other way than its triangles' orientation says: its cones do, too. (False where it has no
+    /// inside.)
+    pub is_inward: bool,
 }
 
 /// The triangles of the mesh, each with the split at which it is born: the deepest node that holds two of its corners.
@@ -261,6 +279,10 @@ pub struct Tree {
     pub triangles: BornTriangles,
     /// What to add to a position to get back the coordinates of the input file.
     pub origin: [f64; 3],
+    /// The mesh was normalised by 2^`exponent` for its simplification: switch values follow from ids with it.
+    pub exponent: i32,
+    /// The step of the lattice that all positions are on, in mesh units; 0 where there is none.
+    pub lattice_step: f32,
 }
 
 impl Tree {

@@ -20,6 +20,10 @@ pub struct StoredTree {
     pub roots: Vec<Root>,
     /// What to add to a position to get back the coordinates of the input file.
     pub origin: [f64; 3],
+    /// The mesh was normalised by 2^`exponent` for its simplification: switch values follow from ids with it.
+    pub exponent: i32,
+    /// The step of the lattice that all positions are on, in mesh units; 0 where there is none.
+    pub lattice_step: f32,
 }
 
 impl StoredTree {
@@ -38,6 +42,8 @@ impl StoredTree {
             triangles: Spool::from_vec(tree.triangles.corners),
             roots: tree.roots,
             origin: tree.origin,
+            exponent: tree.exponent,
+            lattice_step: tree.lattice_step,
         }
     }
 
@@ -60,6 +66,15 @@ impl StoredTree {
             offsets.push(end);
         }
         let triangles = BornTriangles { offsets, corners };
-        Ok(Tree { positions, splits, roots: self.roots.clone(), triangles, origin: self.origin })
+        let roots = self.roots.clone();
+        Ok(Tree {
+            positions,
+            splits,
+            roots,
+            triangles,
+            origin: self.origin,
+            exponent: self.exponent,
+            lattice_step: self.lattice_step,
+        })
     }
 }

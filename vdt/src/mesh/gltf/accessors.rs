@@ -5,13 +5,15 @@
 //!
 //! Memory: one window for each stream, of at most 256 KiB; a sparse accessor has three streams.
 //!
-//! Format: glTF 2.0 specification, sections 3.6.2 ("Accessors") and 3.11 (normalised integers).
+//! Format: glTF 2.0 specification, sections 3.6.2 ("Accessors"), 3.7.2.1 (which types attributes may have) and 3.11
+//! (normalised integers).
 
 use std::path::Path;
 
 use storage::StorageError;
 
 use super::super::MeshError;
+use super::super::attributes::{byte_of_unit, byte_of_word};
 use super::super::input::Input;
 use super::container::Buffers;
 use super::document::{Accessor, BufferView, Document, Sparse};
@@ -183,6 +185,8 @@ pub(super) struct Stream<'a> {
     replacements: Option<Replacements>,
     component: Component,
     normalized: bool,
+    /// Numbers of an element.
+    width: usize,
     /// The element that comes next.
     row: u64,
     count: u64,
@@ -208,15 +212,32 @@ impl Stream<'_> {
         }
     }
 
-    /// The next element of a stream of positions.
+    /// The next element of a stream of positions, or of another one of at least so many numbers.
     #[inline]
-    pub fn next_position(&mut self) -> Result<[f64; 3], MeshError> {
+    pub fn next_numbers<const N: usize>(&mut self) -> Result<[f64; N], MeshError> {
         let (component, normalized) = (self.component, self.normalized);
         let element = self.next()?;
-        Ok([0, 1, 2].map(|number| {
+        Ok(std::array::from_fn(|number| {
             let value = component.real(&element[number * component.bytes()..]);
             if normalized { component.normalized(value) } else { value }
         }))
+    }
+
+    /// The next element of a stream of colours: red, green, blue and alpha.
+    pub fn next_colour(&mut self) -> Result<[u8; 4], MeshError> {
+        let (component, width, row, place) = (self.component, self.width, self.row, self.place);
+        let element = self.next()?;
+        let mut colour = [u8::MAX; 4];
+        for (number, channel) in colour.iter_mut().enumerate().take(width) {
+            let bytes = &element[number * component.bytes()..];
+            let byte = match component {
+                Component::Unsigned8 => Some(bytes[0]),
+                Component::Unsigned16 => Some(byte_of_word(u16::from_le_bytes(array(bytes)))),
+                _ => byte_of_unit(component.real(bytes)),
+            };
+            *channel = byte.ok_or_else(|| place.malformed(format!("colour {row} is not finite")))?;
+        }
+        Ok(colour)
     }
 
     /// The next element of a stream of vertex numbers.
@@ -253,7 +274,7 @@ impl<'a> Accessors<'a> {
         self.get(number).map(|(accessor, _)| accessor.buffer_view.is_none())
     }
 
-    /// Opens accessor `number` for [`Stream::next_position`].
+    /// Opens accessor `number` for [`Stream::next_numbers`].
     pub fn positions(&self, number: usize) -> Result<Stream<'a>, MeshError> {
         let (accessor, place) = self.get(number)?;
         let component = self.component(place, accessor)?;
@@ -263,7 +284,36 @@ impl<'a> Accessors<'a> {
         if component == Component::Unsigned32 {
             return Err(place.malformed("positions are floats, or integers of 8 or 16 bits"));
         }
-        self.stream(place, accessor, component, 3 * component.bytes())
+        self.stream(place, accessor, component, 3)
+    }
+
+    /// Opens accessor `number` for [`Stream::next_numbers`]: three of a normal, or two of a texture coordinate.
+    pub fn vectors(&self, number: usize, what: &str, width: usize) -> Result<Stream<'a>, MeshError> {
+        let (accessor, place) = self.get(number)?;
+        let component = self.component(place, accessor)?;
+        let kind = format!("VEC{width}");
+        if accessor.kind != kind {
+            return Err(place.malformed(format!("{what} are of type {kind}, not {}", accessor.kind)));
+        }
+        if component == Component::Unsigned32 {
+            return Err(place.malformed(format!("{what} are floats, or integers of 8 or 16 bits")));
+        }
+        self.stream(place, accessor, component, width)
+    }
+
+    /// Opens accessor `number` for [`Stream::next_colour`].
+    pub fn colours(&self, number: usize) -> Result<Stream<'a>, MeshError> {
+        let (accessor, place) = self.get(number)?;
+        let component = self.component(place, accessor)?;
+        let width = match accessor.kind.as_str() {
+            "VEC3" => 3,
+            "VEC4" => 4,
+            kind => return Err(place.malformed(format!("colours are of type VEC3 or VEC4, not {kind}"))),
+        };
+        if !matches!(component, Component::Unsigned8 | Component::Unsigned16 | Component::Float32) {
+            return Err(place.malformed("colours are floats, or unsigned integers of 8 or 16 bits"));
+        }
+        self.stream(place, accessor, component, width)
     }
 
     /// Opens accessor `number` for [`Stream::next_index`].
@@ -273,7 +323,7 @@ impl<'a> Accessors<'a> {
         if accessor.kind != "SCALAR" || !component.is_index() {
             return Err(place.malformed("vertex numbers are of type SCALAR and unsigned integers"));
         }
-        self.stream(place, accessor, component, component.bytes())
+        self.stream(place, accessor, component, 1)
     }
 
     fn component(&self, place: Place<'_>, accessor: &Accessor) -> Result<Component, MeshError> {
@@ -286,9 +336,10 @@ impl<'a> Accessors<'a> {
         place: Place<'a>,
         accessor: &Accessor,
         component: Component,
-        element_bytes: usize,
+        width: usize,
     ) -> Result<Stream<'a>, MeshError> {
         let count = accessor.count;
+        let element_bytes = width * component.bytes();
         let elements = match (accessor.buffer_view, &accessor.sparse) {
             (Some(view), _) => self.elements(place, view, accessor.byte_offset, element_bytes, count)?,
             (None, None) => return Err(place.malformed("it has no buffer view, so its elements would all be zero")),
@@ -305,7 +356,7 @@ impl<'a> Accessors<'a> {
             None => None,
         };
         let normalized = accessor.normalized;
-        Ok(Stream { place, elements, replacements, component, normalized, row: 0, count })
+        Ok(Stream { place, elements, replacements, component, normalized, width, row: 0, count })
     }
 
     fn replacements(
@@ -369,6 +420,16 @@ impl<'a> Accessors<'a> {
         // Both sums are less than the buffer's length, and the buffer lies inside its file.
         let start = buffer.offset + view.byte_offset + offset;
         Ok(Elements { input: Input::starting_at(buffer.file, start, wanted), element_bytes, gap, begun: false })
+    }
+
+    /// Buffer view `number`, which lies inside its buffer.
+    pub fn view(&self, number: usize) -> Result<&'a BufferView, MeshError> {
+        let Some(view) = self.document.buffer_views.get(number) else {
+            let problem = "there is no such buffer view";
+            return Err(MeshError::malformed(self.path, format!("buffer view {number}"), problem));
+        };
+        self.check_view(number, view)?;
+        Ok(view)
     }
 
     fn check_view(&self, number: usize, view: &BufferView) -> Result<(), MeshError> {

@@ -10,6 +10,7 @@ use std::sync::Arc;
 use storage::{Disk, ReadAt, StorageError};
 
 use super::super::MeshError;
+use super::super::attributes::ImageSource;
 use super::super::text::{BYTE_ORDER_MARK, Shown};
 use super::document::Buffer;
 
@@ -161,6 +162,37 @@ impl<'a> Buffers<'a> {
         self.sources.get(number).map(|buffer| buffer.length)
     }
 
+    /// Where `length` bytes from byte `offset` of buffer `number` are, for an image; none if the file is not there, whose
+    /// path is told instead.
+    pub fn image(&self, number: usize, offset: u64, length: u64) -> Result<Result<ImageSource, PathBuf>, MeshError> {
+        if let Some(BufferSource { source: Source::File(path), .. }) = self.sources.get(number)
+            && !self.disk.exists(path)
+        {
+            return Ok(Err(path.clone()));
+        }
+        let buffer = self.open(number)?;
+        let is_data = matches!(self.sources.get(number), Some(BufferSource { source: Source::Data(_), .. }));
+        let source = if is_data {
+            ImageSource::Bytes(bytes_of(buffer.file.as_ref(), offset, length)?)
+        } else {
+            ImageSource::Part { path: buffer.file.path().to_path_buf(), offset: buffer.offset + offset, length }
+        };
+        Ok(Ok(source))
+    }
+
+    /// Where the image at `uri` is; none if it is not there, whose path, or URI, is told instead.
+    pub fn image_at(&self, place: &str, uri: &str) -> Result<Result<ImageSource, PathBuf>, MeshError> {
+        match locate_uri(self.path, place, uri.to_string()) {
+            Ok(Source::File(path)) if self.disk.exists(&path) => Ok(Ok(ImageSource::File(path))),
+            Ok(Source::File(path)) => Ok(Err(path)),
+            Ok(Source::Data(data)) => Ok(Ok(ImageSource::Bytes(bytes_of(data.as_ref(), 0, data.length())?))),
+            Ok(Source::Chunk(_)) | Err(MeshError::Unsupported { .. }) => {
+                Ok(Err(PathBuf::from(Shown(uri.as_bytes()).to_string())))
+            }
+            Err(error) => Err(error),
+        }
+    }
+
     /// Opens buffer `number`, and checks that it is as long as the document says.
     pub fn open(&self, number: usize) -> Result<OpenBuffer, MeshError> {
         let place = || format!("buffer {number}");
@@ -183,6 +215,13 @@ impl<'a> Buffers<'a> {
         }
         Ok(OpenBuffer { file, offset })
     }
+}
+
+/// So many bytes of data that is in RAM as text.
+fn bytes_of(data: &dyn ReadAt, offset: u64, length: u64) -> Result<Vec<u8>, StorageError> {
+    let mut bytes = vec![0; usize::try_from(length.min(data.length())).unwrap_or(usize::MAX)];
+    data.read_exact_at(offset, &mut bytes)?;
+    Ok(bytes)
 }
 
 fn name(file: &Arc<dyn ReadAt>) -> String {

@@ -1,7 +1,7 @@
 //! The JSON document of a glTF asset: of all that it may say, what leads to triangles.
 //!
-//! Members that are not listed here (materials, textures, animations, ...) are stepped over without being held, so
-//! they may be as new or as odd as they like. Node transforms are read as f64: geo-referenced assets keep their
+//! Members that are not listed here (animations, cameras, ...) are stepped over without being held, so they may be as new
+//! or as odd as they like. Materials, textures and images are read only where they are wanted ([`Looks`]). Node transforms are read as f64: geo-referenced assets keep their
 //! metres there. All values are as the file has them; whoever uses an index or a length checks it.
 //!
 //! Format: glTF 2.0 specification, section 5 ("Properties Reference").
@@ -83,6 +83,7 @@ pub(super) struct Mesh {
 pub(super) struct Primitive {
     pub attributes: Attributes,
     pub indices: Option<usize>,
+    pub material: Option<u32>,
     #[serde(default = "triangles")]
     pub mode: u32,
     #[serde(default)]
@@ -97,6 +98,81 @@ fn triangles() -> u32 {
 pub(super) struct Attributes {
     #[serde(rename = "POSITION")]
     pub position: Option<usize>,
+    #[serde(rename = "NORMAL")]
+    pub normal: Option<usize>,
+    #[serde(rename = "COLOR_0")]
+    pub colour: Option<usize>,
+    #[serde(rename = "TEXCOORD_0")]
+    pub texture_0: Option<usize>,
+    #[serde(rename = "TEXCOORD_1")]
+    pub texture_1: Option<usize>,
+    #[serde(rename = "TEXCOORD_2")]
+    pub texture_2: Option<usize>,
+    #[serde(rename = "TEXCOORD_3")]
+    pub texture_3: Option<usize>,
+}
+
+impl Attributes {
+    /// The texture coordinates of a set.
+    pub fn texture(&self, set: u32) -> Option<usize> {
+        match set {
+            0 => self.texture_0,
+            1 => self.texture_1,
+            2 => self.texture_2,
+            3 => self.texture_3,
+            _ => None,
+        }
+    }
+}
+
+/// How the surface looks, of the same document.
+#[derive(Debug, Default, Deserialize)]
+pub(super) struct Looks {
+    #[serde(default)]
+    pub materials: Vec<DocumentMaterial>,
+    #[serde(default)]
+    pub textures: Vec<Texture>,
+    #[serde(default)]
+    pub images: Vec<DocumentImage>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct DocumentMaterial {
+    #[serde(default)]
+    pub name: String,
+    #[serde(default)]
+    pub pbr_metallic_roughness: BaseLook,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct BaseLook {
+    pub base_color_factor: Option<[f32; 4]>,
+    pub base_color_texture: Option<TextureReference>,
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct TextureReference {
+    pub index: usize,
+    /// The set of texture coordinates.
+    #[serde(default)]
+    pub tex_coord: u32,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Texture {
+    /// Its image; none where only an extension has one.
+    pub source: Option<usize>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct DocumentImage {
+    pub name: Option<String>,
+    pub uri: Option<String>,
+    pub buffer_view: Option<usize>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -192,6 +268,11 @@ pub(super) fn read_document(path: &Path, container: &Container) -> Result<Docume
         Some(name) => Err(unsupported_extension(path, name)),
         None => Ok(document),
     }
+}
+
+/// Reads how the surface looks.
+pub(super) fn read_looks(path: &Path, container: &Container) -> Result<Looks, MeshError> {
+    parse(path, container)
 }
 
 fn parse<T: DeserializeOwned>(path: &Path, container: &Container) -> Result<T, MeshError> {

@@ -3,6 +3,7 @@
 //! Format: glTF 2.0 specification, section 3.5.2 ("Transformations").
 
 use super::document::Node;
+use crate::vector::{cross, dot};
 
 /// An affine map, as the upper three rows of a matrix.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,6 +62,17 @@ impl Transform {
         self.rows.map(|row| row[0] * x + row[1] * y + row[2] * z + row[3])
     }
 
+    /// Where a normal goes: as the plane does that it stands on. It is of length 1 then, or zero if it has none.
+    pub fn apply_to_normal(&self, normal: [f32; 3]) -> [f32; 3] {
+        let [a, b, c] = self.rows.map(|row| [row[0], row[1], row[2]]);
+        let side = if self.mirrors() { -1.0 } else { 1.0 };
+        let normal = normal.map(f64::from);
+        // The cofactors are the inverse transpose times the determinant.
+        let turned = [cross(b, c), cross(c, a), cross(a, b)].map(|row| side * dot(row, normal));
+        let length = dot(turned, turned).sqrt();
+        turned.map(|value| if length > 0.0 { (value / length) as f32 } else { 0.0 })
+    }
+
     /// Whether left becomes right, so that triangles must be turned to keep their outside.
     pub fn mirrors(&self) -> bool {
         let [a, b, c] = self.rows;
@@ -102,6 +114,20 @@ mod tests {
         assert!(close(transform.apply([1.0, 0.0, 0.0]), [10.0, 22.0, 30.0]));
         assert!(close(transform.apply([0.0, 1.0, 1.0]), [7.0, 20.0, 34.0]));
         assert!(!transform.mirrors());
+    }
+
+    #[test]
+    fn normals_stay_on_their_planes() {
+        let flat = Transform::from_parts([9.0, 9.0, 9.0], [0.0, 0.0, 0.0, 1.0], [1.0, 4.0, 1.0]);
+        let normal = flat.apply_to_normal([1.0, 1.0, 0.0]).map(f64::from);
+        // The plane x + y = 0 becomes x + y / 4 = 0.
+        let expected = [4.0 / 17_f64.sqrt(), 1.0 / 17_f64.sqrt(), 0.0];
+        assert!(normal.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-6), "{normal:?}");
+        let mirror = Transform::from_parts([0.0; 3], QUARTER, [1.0, 1.0, -2.0]);
+        let turned = mirror.apply_to_normal([0.0, 0.0, 3.0]);
+        assert!((turned[2] + 1.0).abs() < 1e-6, "{turned:?}");
+        assert!((mirror.apply_to_normal([2.0, 0.0, 0.0])[1] - 1.0).abs() < 1e-6);
+        assert_eq!(mirror.apply_to_normal([0.0; 3]), [0.0; 3]);
     }
 
     #[test]

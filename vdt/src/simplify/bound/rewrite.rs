@@ -72,9 +72,9 @@ enum Source {
 pub(in crate::simplify) struct Rewritten {
     /// How far, at most, anything that was handed on lies from the new triangle that it was handed to, normalised.
     pub error: f32,
-    /// The largest switch value of the collapses that last rewrote a triangle, other than those around the vertex that
-    /// goes, to which anything was handed.
-    pub rewriters: f32,
+    /// The largest dependency id of the collapses that last rewrote a triangle, other than those around the vertex that
+    /// goes, to which anything was handed; 0 where none did.
+    pub latest: u32,
 }
 
 /// Works out what a collapse comes to, and notes it; kept from one to the next for its memory.
@@ -143,7 +143,7 @@ impl Rewriter {
         self.old_triangles.extend_from_slice(mesh.star(gone));
         let origin = mesh.vertices[stays as usize].position;
         let is_fan = self.fan.arrange(ring, stays) && self.fan.sectors() > 0;
-        let mut rewriters = 0.0;
+        let mut latest = 0;
         if is_fan {
             for number in 1..=self.fan.sectors() {
                 let corners = [number, number + 1].map(|corner| self.fan.corners[corner]);
@@ -173,7 +173,7 @@ impl Rewriter {
                 self.error = self.error.max(back);
             }
             for target in self.targets.iter().filter(|target| target.is_rewritten && !target.is_around_gone) {
-                rewriters = mesh.triangles[target.triangle as usize].switch.max(rewriters);
+                latest = mesh.triangles[target.triangle as usize].order.max(latest);
             }
         }
         for (number, target) in self.targets.iter().enumerate() {
@@ -190,17 +190,17 @@ impl Rewriter {
                 self.to_be_kept.push((number, piece));
             }
         }
-        Some(Rewritten { error: self.error, rewriters })
+        Some(Rewritten { error: self.error, latest })
     }
 
-    /// Notes what was measured last, once its collapse was made with this switch value.
-    pub fn write(&mut self, mesh: &mut LiveMesh, switch: f32) {
+    /// Notes what was measured last, once its collapse was made, with this dependency id.
+    pub fn write(&mut self, mesh: &mut LiveMesh, order: u32) {
         for triangle in &self.old_triangles {
             mesh.covers.set(*triangle as usize, Cover::NOTHING);
         }
         for target in self.targets.iter().filter(|target| target.is_rewritten) {
             mesh.covers.set(target.triangle as usize, target.residual);
-            mesh.triangles[target.triangle as usize].switch = switch;
+            mesh.triangles[target.triangle as usize].order = order;
         }
         if let Some(reverse) = &self.reverse {
             let new = self.targets.iter().filter(|target| target.is_around_gone);

@@ -83,11 +83,11 @@ fn write_block(mesh: &LiveMesh, store: &mut MeshStore) -> Result<(), StorageErro
         let (quadric, state) = (line.quadric, line.lasting_state(false));
         store.put_vertex(node.id, &StoredVertex { node: *node, quadric, state, star, rejected: 0 })?;
     }
-    for ((Triangle { corners, switch }, id), next) in mesh.triangles.iter().zip(&mesh.triangle_ids).zip(next) {
+    for ((Triangle { corners, order }, id), next) in mesh.triangles.iter().zip(&mesh.triangle_ids).zip(next) {
         let corners = corners.map(|corner| mesh.nodes[corner as usize].id);
         store.put_triangle(
             *id,
-            &StoredTriangle { corners, switch: *switch, next, flags: 0, residual: 0.0, reverse: 0.0 },
+            &StoredTriangle { corners, order: *order, next, flags: 0, residual: 0.0, reverse: 0.0 },
         )?;
     }
     Ok(())

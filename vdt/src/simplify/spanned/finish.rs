@@ -47,7 +47,6 @@ pub(super) fn load_all<M: CollapseMetric>(
     engine: &mut Engine<M>,
     store: &mut MeshStore,
     edges: Vec<Edge>,
-    order: u32,
 ) -> Result<Waiting, SpannedError> {
     engine.mesh.reserve(store.live_vertices as usize, store.live_triangles as usize);
     for id in 0..store.vertex_count {
@@ -56,7 +55,7 @@ pub(super) fn load_all<M: CollapseMetric>(
             engine.mesh.push_vertex(vertex.node, vertex.quadric, vertex.state);
         }
     }
-    let mut waiting = Waiting { order, ..Waiting::default() };
+    let mut waiting = Waiting::default();
     for id in 0..store.triangle_count {
         let triangle = store.triangle(id)?;
         if !triangle.is_gone() {
@@ -88,7 +87,7 @@ fn push_triangle<M>(
     let [Some(a), Some(b), Some(c)] = triangle.corners.map(|corner| place_of(engine, corner)) else { return Ok(()) };
     let corners = [a, b, c];
     let place = engine.mesh.triangles.len();
-    engine.mesh.push_triangle(id, Triangle { corners, switch: triangle.switch }, triangle.residual);
+    engine.mesh.push_triangle(id, Triangle { corners, order: triangle.order }, triangle.residual);
     engine.mesh.covers.set_reverse(place, triangle.reverse);
     for piece in store.cut_pieces(id, triangle)?.in_order().iter().rev() {
         engine.mesh.covers.add_piece(place, piece);
@@ -191,14 +190,7 @@ pub(super) fn end_phase<M: CollapseMetric>(
             push_triangle(engine, store, *id, &triangle, &mut Waiting::default())?;
         }
         engine.mesh.build_stars();
-        end_phase::run(
-            engine,
-            components,
-            |_| true,
-            super::END_PHASE_ROUND,
-            &mut roots,
-            |engine| journal.take(engine),
-        )?;
+        end_phase::run(engine, components, |_| true, &mut roots, |engine| journal.take(engine))?;
     }
     Ok(roots)
 }

@@ -11,7 +11,7 @@
 //!
 //! Local ids ascend as vertices come in, not as canonical ids do: order is always by edges as the tree has them.
 //!
-//! Memory: 140 bytes for each vertex, 96 for each triangle, 56 for each piece that one keeps, 4 for each place in a star.
+//! Memory: 144 bytes for each vertex, 96 for each triangle, 56 for each piece that one keeps, 4 for each place in a star.
 
 use std::collections::HashSet;
 
@@ -28,7 +28,7 @@ use super::edges::{candidate, dearer, edge_between, edge_of, ends, is_dearer};
 use super::stored::{CutPieces, GONE, Link, MeshStore, PIECES_SHIFT, StoredTriangle, StoredVertex};
 
 /// Bytes of a vertex: its line, its node, what is kept here of it, its place in the table.
-const VERTEX_BYTES: usize = 64 + 44 + 12 + 20;
+const VERTEX_BYTES: usize = 64 + 48 + 12 + 20;
 /// Bytes of a triangle.
 const TRIANGLE_BYTES: usize = 20 + 12 + 44 + 20;
 
@@ -254,7 +254,7 @@ impl<M: CollapseMetric> SubMeshes<M> {
             *corner = self.vertex(store, id)?;
         }
         let place = self.triangles.len() as u32;
-        self.engine.mesh.push_triangle(id, Triangle { corners, switch: stored.switch }, stored.residual);
+        self.engine.mesh.push_triangle(id, Triangle { corners, order: stored.order }, stored.residual);
         self.engine.mesh.covers.set_reverse(place as usize, stored.reverse);
         for piece in store.cut_pieces(id, &stored)?.in_order().iter().rev() {
             self.engine.mesh.covers.add_piece(place as usize, piece);
@@ -267,30 +267,22 @@ impl<M: CollapseMetric> SubMeshes<M> {
         Ok(place)
     }
 
-    /// The turn of an edge has come, for which everything is loaded. `again` receives the edges that are to wait; `order`
-    /// is what a collapse has as its place in the build order. Whether it was collapsed.
-    pub fn decide(&mut self, edge: Edge, order: u32, again: &mut Vec<Edge>) -> bool {
-        let Some(places) = self.places(edge) else { return false };
+    /// The turn of an edge has come, for which everything is loaded. `again` receives the edges that are to wait.
+    pub fn decide(&mut self, edge: Edge, again: &mut Vec<Edge>) {
+        let Some(places) = self.places(edge) else { return };
         let deaths = self.engine.deaths.len();
         let quadrics = places.map(|place| self.engine.mesh.vertices[place as usize].quadric);
-        match self.engine.attempt(candidate(edge, places), order) {
+        match self.engine.attempt(candidate(edge, places)) {
             // One whose key has grown is in the queue with the new key.
-            Outcome::Gone | Outcome::Grown(_) => false,
-            Outcome::OtherWay(other) => {
-                again.push(dearer(edge, other.key));
-                false
-            }
-            Outcome::Illegal => {
-                self.reject(places);
-                false
-            }
+            Outcome::Gone | Outcome::Grown(_) => {}
+            Outcome::OtherWay(other) => again.push(dearer(edge, other.key)),
+            Outcome::Illegal => self.reject(places),
             Outcome::Collapsed { stays } => {
                 for (place, quadric) in places.into_iter().zip(quadrics) {
                     self.quadrics_before.entry(place).or_insert(quadric);
                 }
                 let gone = if places[0] == stays { places[1] } else { places[0] };
                 self.follow(gone, stays, deaths, again);
-                true
             }
         }
     }
@@ -404,10 +396,10 @@ impl<M: CollapseMetric> SubMeshes<M> {
                 store.live_triangles -= 1;
                 continue;
             }
-            let Triangle { corners, switch } = mesh.triangles[place];
+            let Triangle { corners, order } = mesh.triangles[place];
             let before = *stored;
             stored.corners = corners.map(|corner| mesh.vertices[corner as usize].id);
-            stored.switch = switch;
+            stored.order = order;
             stored.next = stored.corners.map(|corner| before.next_at(corner));
             stored.flags = (0..3)
                 .filter(|side| rejected.contains(&pair(corners[*side], corners[(side + 1) % 3])))

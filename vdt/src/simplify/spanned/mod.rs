@@ -65,9 +65,6 @@ use loaded::{Standing, SubMeshes};
 use spanning::{Spanned, Spanning};
 use stored::MeshStore;
 
-/// The number under which the collapses of the end phase are logged, after those of the queue, which have 0.
-const END_PHASE_ROUND: u32 = 2;
-
 /// Advice on memory is given in whole ones.
 const MEBIBYTE: u64 = 1 << 20;
 
@@ -252,14 +249,14 @@ pub(super) fn run<M: CollapseMetric>(
         progress(&journal);
     }
     // What loads have worked with makes room for the rest of the mesh.
-    let Loads { mut store, mut tree, order, mut counters, .. } = loads;
+    let Loads { mut store, mut tree, mut counters, .. } = loads;
     counters.core_triangles = store.live_triangles;
     let mut engine = task.engine();
     if finish::fits(&store, task.bound, tree.len(), shares.core) {
         let queued = finish::drain(&mut *tree)?;
         counters.tree = tree.traffic();
         drop(tree);
-        let waiting = finish::load_all(&mut engine, &mut store, queued, order)?;
+        let waiting = finish::load_all(&mut engine, &mut store, queued)?;
         counters.records = store.traffic();
         drop(store);
         let mut take = |engine: &mut Engine<M>| {
@@ -270,7 +267,7 @@ pub(super) fn run<M: CollapseMetric>(
         queue::run(&mut engine, waiting, &mut take)?;
         let legal = journal.collapses();
         let mut roots = Vec::new();
-        super::end_phase::run(&mut engine, &components, |_| true, END_PHASE_ROUND, &mut roots, &mut take)?;
+        super::end_phase::run(&mut engine, &components, |_| true, &mut roots, &mut take)?;
         Ok((journal.finish(roots, 1, legal)?, counters))
     } else {
         counters.tree = tree.traffic();
@@ -292,8 +289,6 @@ struct Loads<M> {
     heap: BinaryHeap<Reverse<Edge>>,
     /// Edges above ℓ that are to be put into the tree.
     left_over: Vec<Edge>,
-    /// Collapses so far.
-    order: u32,
     /// Bytes that all of it may take.
     most: usize,
     /// Pieces that a triangle may keep.
@@ -344,7 +339,6 @@ impl<M: CollapseMetric> Loads<M> {
             spanning: Spanning::default(),
             heap: BinaryHeap::new(),
             left_over: Vec::new(),
-            order: 0,
             most: shares.sub_meshes as usize,
             most_kept,
             edge_bytes: FIRST_EDGE_BYTES,
@@ -463,9 +457,7 @@ impl<M: CollapseMetric> Loads<M> {
                 self.heap.push(Reverse(edge));
                 return Ok(false);
             }
-            if self.loaded.decide(edge, self.order, &mut again) {
-                self.order += 1;
-            }
+            self.loaded.decide(edge, &mut again);
             for edge in again.drain(..) {
                 if edge <= limit {
                     self.heap.push(Reverse(edge));

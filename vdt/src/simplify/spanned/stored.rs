@@ -5,7 +5,7 @@
 //! collapse moves none of them. A triangle that is gone may stay in the chain of a corner whose whole star was not in
 //! memory when it went; it is passed over, and taken out when that star is written the next time.
 //!
-//! Memory: the pages that were allowed. I/O: 96 bytes for each vertex, 40 for each triangle and 56 for each piece that it
+//! Memory: the pages that were allowed. I/O: 100 bytes for each vertex, 40 for each triangle and 56 for each piece that it
 //! may keep, in pages of 4 KiB; canonical ids follow the Morton order, so neighbours mostly lie in the same or in a few pages.
 
 use bytemuck::{Pod, Zeroable};
@@ -15,7 +15,7 @@ use crate::simplify::bound::{MOST_PIECES, Piece};
 use crate::simplify::live_mesh::Node;
 use crate::simplify::metric::Quadric;
 
-/// A vertex. 96 bytes.
+/// A vertex. 100 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct StoredVertex {
@@ -44,8 +44,8 @@ impl StoredVertex {
 pub(super) struct StoredTriangle {
     /// Canonical ids of its corners, in its orientation.
     pub corners: [u32; 3],
-    /// Switch value of the collapse that rewrote it last; 0 where none did.
-    pub switch: f32,
+    /// Dependency id of the collapse that rewrote it last; 0 where none did.
+    pub order: u32,
     /// The next triangle in the chain of each corner.
     pub next: [Link; 3],
     /// [`GONE`], and for each side, from corner 0 to 1, 1 to 2, 2 to 0, a bit that says that this edge is rejected; from

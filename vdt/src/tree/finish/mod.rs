@@ -1,21 +1,19 @@
-//! From the log of collapses to the stored tree, in external memory: numbering, leaf intervals, ids, born triangles.
+//! From the log of collapses to the stored tree, in external memory: numbering, leaf intervals, born triangles.
 //!
 //! - Leaves are renumbered in depth-first order of the forest, the kept child first; trees by their root's canonical id.
-//! - Ids: leaves 0..n, inner nodes n + their rank by (switch value as stored, build order): a linear extension of the
-//!   dependency DAG, since switch values are monotone over it (the paper, 3.3.5; design, section 1).
+//! - Dependency ids are those of the log; the switch value of a split follows from its id (`order`).
 //! - A triangle is born at the split that undoes the collapse at which it died: the deepest node that holds two of its
 //!   corners.
 //!
 //! | step | from | to |
 //! |---|---|---|
-//! | `numbering` | the log, read from its end | leaf of each vertex; splits without ids, and what ids go by, by leaf |
-//! | `identifiers` | what ids go by, sorted | ids, by leaf |
-//! | here | splits and ids | [`StoredTree::splits`] |
+//! | `numbering` | the log, read from its end | leaf of each vertex; splits, by leaf |
+//! | here | splits | [`StoredTree::splits`], with their cones turned outward |
 //! | here | positions, leaf of each vertex | [`StoredTree::positions`] |
 //! | `born_triangles` | triangles and deaths, leaf of each vertex | [`StoredTree::triangles`] and their counts |
 //!
 //! Everything is streamed, put in place by dense keys or sorted, so nothing takes RAM in proportion to the mesh but the
-//! roots: 24 bytes for each component, on top of `memory` (as the engine's are). Of `memory`, the leaves of the vertices
+//! roots: 32 bytes for each component, on top of `memory` (as the engine's are). Of `memory`, the leaves of the vertices
 //! take more than half, from the first step to the last (looked up at random, it is what thrashes first); the finished
 //! tree takes up to an eighth, and may keep it in RAM; each step shares the rest ([`Shares`]). What the mesh and the log hold in RAM is theirs, and not counted; each part is
 //! dropped as soon as it was read. Where everything fits, no disk is touched.
@@ -24,17 +22,15 @@
 //!
 //! | | read | written |
 //! |---|---|---|
-//! | log, deaths, positions, triangles | 46 | |
+//! | log, deaths, positions, triangles | 44 | |
 //! | leaf of each vertex, where segments of the log are local | 6 | 4 |
-//! | what ids go by, sorted in one merge | 12 | 12 |
-//! | splits without ids, ids, positions, put in place (with their keys) | 26 | 26 |
+//! | splits, positions, put in place (with their keys) | 24 | 24 |
 //! | born triangles, sorted in one merge | 16 | 16 |
-//! | the tree | | 32 |
+//! | the tree | | 34 |
 //!
-//! In all 196, and 78 on disk at the peak (at the end of the numbering, 46 of them the input).
+//! In all 168, and 64 on disk at the peak (at the end of the numbering, 44 of them the input).
 
 mod born_triangles;
-mod identifiers;
 mod numbering;
 
 use std::sync::{Mutex, PoisonError};
@@ -120,16 +116,16 @@ pub fn finish(
     threads: usize,
     progress: &mut (dyn FnMut(f64) + Send),
 ) -> Result<StoredTree, FinishError> {
-    let StoredMesh { positions, triangles, origin, .. } = mesh;
+    let StoredMesh { positions, triangles, origin, exponent, lattice_step, .. } = mesh;
     let Simplified { log, deaths, roots, .. } = simplified;
     let (vertices, collapses) = (positions.len(), log.len());
     let wrong = FinishError::Count { vertices, collapses, roots: roots.len() as u64 };
-    // Ids are below twice as many.
+    // No chain of so many collapses makes an id overflow.
     let leaf_count = match u32::try_from(vertices) {
         Ok(count) if count <= 1 << 31 && collapses + roots.len() as u64 == vertices => count,
         _ => return Err(wrong),
     };
-    let total = 4 * vertices + 2 * triangles.len();
+    let total = 3 * vertices + 2 * triangles.len();
     let shares = Shares::of(memory, vertices * size_of::<u32>() as u64, threads);
     let report = Report { total, work: Mutex::new((0, progress)) };
     let work = Work { leaf_count, scratch, shares, threads, report: &report, done: 0 };
@@ -137,13 +133,9 @@ pub fn finish(
     let outward: Vec<i8> = roots.iter().map(|root| root.outward).collect();
     let mut leaf_of = PagedArray::new(scratch, "leaf-of-vertex", vertices, UNNUMBERED, work.shares.leaf_of)?;
     let roots = place_roots(&roots, leaf_count, &mut leaf_of)?;
-    let (keys, splits) = numbering::number(&log, &mut leaf_of, &mut work.clone())?;
+    let splits = numbering::number(&log, &mut leaf_of, exponent, &mut work.clone())?;
     drop(log);
-    let identify = || {
-        let work = &mut work.clone();
-        let ranks = identifiers::rank(keys, work)?;
-        complete_splits(splits, ranks, &roots, &outward, work)
-    };
+    let complete = || complete_splits(splits, &roots, &outward, &mut work.clone());
     let bear = || {
         let work = &mut work.clone();
         let positions = in_leaf_order(positions, &mut leaf_of, work)?;
@@ -152,15 +144,15 @@ pub fn finish(
     };
     let (splits, born): (_, Result<_, FinishError>) = if work.shares.are_for_two {
         std::thread::scope(|scope| {
-            let identified = scope.spawn(identify);
+            let completed = scope.spawn(complete);
             let born = bear();
-            (identified.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)), born)
+            (completed.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)), born)
         })
     } else {
-        (identify(), bear())
+        (complete(), bear())
     };
     let (splits, (positions, (triangle_counts, triangles))) = (splits?, born?);
-    Ok(StoredTree { positions, splits, triangle_counts, triangles, roots, origin })
+    Ok(StoredTree { positions, splits, triangle_counts, triangles, roots, origin, exponent, lattice_step })
 }
 
 /// What all steps are given.
@@ -203,7 +195,7 @@ impl Work<'_> {
 /// In the table of leaves: a vertex whose leaf is not known yet.
 const UNNUMBERED: u32 = u32::MAX;
 
-/// Who gets how many bytes of RAM. A step begins when the one before it has let go of its share. Ids and splits on the one
+/// Who gets how many bytes of RAM. A step begins when the one before it has let go of its share. Splits on the one
 /// hand, positions and triangles on the other, have nothing to do with each other: with two threads they are done side by
 /// side, where the table of leaves leaves enough for both.
 ///
@@ -211,9 +203,7 @@ const UNNUMBERED: u32 = u32::MAX;
 /// |---|---|---|---|---|
 /// | `leaf_of` | 9 | 6 | numbering | sorting of triangles |
 /// | `log` | 1 | 1 | numbering | |
-/// | `keys` | 2 | 1 | numbering | ranking |
-/// | `partial_splits` | 3 | 2 | numbering | completing of splits |
-/// | `ranks` | 2 | 1 | ranking | completing of splits |
+/// | `moved_splits` | 5 | 4 | numbering | completing of splits |
 /// | `moved_positions` | 4 | 2 | positions | |
 /// | `input` | 1 | 1 | positions | sorting of triangles |
 /// | `born_triangles` | 4 | 3 | sorting of triangles | writing of triangles |
@@ -223,9 +213,7 @@ struct Shares {
     are_for_two: bool,
     leaf_of: usize,
     log: usize,
-    keys: usize,
-    partial_splits: usize,
-    ranks: usize,
+    moved_splits: usize,
     moved_positions: usize,
     input: usize,
     born_triangles: usize,
@@ -241,19 +229,17 @@ impl Shares {
         let are_for_two = threads > 1 && table_bytes <= memory.0 / 16 * 6;
         let memory = usize::try_from(memory.0).unwrap_or(usize::MAX);
         let share = |alone: usize, side_by_side: usize| memory / 16 * if are_for_two { side_by_side } else { alone };
-        // By their sizes, with two triangles for each leaf: 24, 12, 24 and 4 bytes for a leaf.
-        let of_tree = |bytes: usize| memory / 8 / 64 * bytes;
+        // By their sizes, with two triangles for each leaf: 28, 12, 24 and 4 bytes for a leaf.
+        let of_tree = |bytes: usize| memory / 8 / 68 * bytes;
         Shares {
             are_for_two,
             leaf_of: share(9, 6),
             log: share(1, 1),
-            keys: share(2, 1),
-            partial_splits: share(3, 2),
-            ranks: share(2, 1),
+            moved_splits: share(5, 4),
             moved_positions: share(4, 2),
             input: share(1, 1),
             born_triangles: share(4, 3),
-            splits: of_tree(24),
+            splits: of_tree(28),
             positions: of_tree(12),
             triangles: of_tree(24),
             triangle_counts: of_tree(4),
@@ -265,24 +251,23 @@ impl Shares {
 fn place_roots(roots: &[LoggedRoot], leaf_count: u32, leaf_of: &mut PagedArray) -> Result<Vec<Root>, FinishError> {
     let mut placed = Vec::with_capacity(roots.len());
     let mut start = 0_u32;
-    for (number, LoggedRoot { vertex, leaves, split, .. }) in roots.iter().copied().enumerate() {
+    for (number, LoggedRoot { vertex, leaves, split, normal, outward }) in roots.iter().copied().enumerate() {
         let wrong = FinishError::Root { root: number, vertex, leaves, split };
         let is_last = number + 1 == roots.len();
         let end = start.checked_add(leaves).filter(|end| if is_last { *end == leaf_count } else { *end < leaf_count });
         let (Some(end), true) = (end, 0 < split && split < leaves && vertex < leaf_count) else {
             return Err(wrong);
         };
-        placed.push(Root { start, end, split: start + split });
+        placed.push(Root { start, end, split: start + split, normal, is_inward: outward < 0 });
         leaf_of.set(vertex, start)?;
         start = end;
     }
     Ok(placed)
 }
 
-/// Gives the splits their ids, turns their cones outward, and marks the places that no split has.
+/// Turns the cones of the splits outward, and marks the places that no split has.
 fn complete_splits(
     mut splits: Scattered<Split>,
-    mut ranks: Scattered<u32>,
     roots: &[Root],
     outward: &[i8],
     work: &mut Work<'_>,
@@ -290,7 +275,7 @@ fn complete_splits(
     let mut completed = SpoolWriter::new(work.scratch, "splits", work.shares.splits);
     for (root, outward) in roots.iter().zip(outward) {
         for leaf in root.start..root.end {
-            let (Some(split), Some(rank)) = (splits.next()?, ranks.next()?) else { break };
+            let Some(split) = splits.next()? else { break };
             completed.push(if leaf == root.start {
                 Split::VACANT
             } else {
@@ -299,7 +284,7 @@ fn complete_splits(
                     -1 => split.cone.reversed(),
                     _ => NormalCone::EVERYTHING,
                 };
-                Split { id: work.leaf_count + rank, cone, ..split }
+                Split { cone, ..split }
             })?;
             work.step();
         }

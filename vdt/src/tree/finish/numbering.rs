@@ -8,23 +8,22 @@
 //! Segments of the log are spatially local, and so are canonical ids: the table's pages that a segment needs stay in RAM.
 
 use bytemuck::Zeroable;
-use storage::{PagedArray, Scatter, Scattered, Sorter, Spool};
+use storage::{PagedArray, Scatter, Scattered, Spool};
 
-use super::identifiers::IdKey;
 use super::{FinishError, UNNUMBERED, Work};
 use crate::simplify::log::LoggedCollapse;
+use crate::tree::order::switch_of;
 use crate::tree::record::{NO_SPLIT, NormalCone, Split};
 
-/// Numbers the leaf of each vertex in `leaf_of`, in which those of the roots stand. Returns what ids go by, and the splits
-/// by born leaf, without their ids and with their cones as the triangles are oriented.
+/// Numbers the leaf of each vertex in `leaf_of`, in which those of the roots stand. Returns the splits by born leaf, with
+/// their cones as the triangles are oriented. The mesh is at most 2^`exponent` wide.
 pub(super) fn number(
     log: &Spool<LoggedCollapse>,
     leaf_of: &mut PagedArray,
+    exponent: i32,
     work: &mut Work<'_>,
-) -> Result<(Sorter<IdKey>, Scattered<Split>), FinishError> {
-    let mut keys = Sorter::new(work.scratch, "id-order", work.shares.keys, work.threads);
-    let mut splits =
-        Scatter::new(work.scratch, "splits-without-ids", work.leaf_count.into(), work.shares.partial_splits);
+) -> Result<Scattered<Split>, FinishError> {
+    let mut splits = Scatter::new(work.scratch, "splits-by-leaf", work.leaf_count.into(), work.shares.moved_splits);
     let records = (work.shares.log / size_of::<LoggedCollapse>()).clamp(1, MOST_RECORDS);
     let mut buffer = vec![LoggedCollapse::zeroed(); records.min(log.len() as usize)];
     let leaf_count = work.leaf_count;
@@ -43,35 +42,35 @@ pub(super) fn number(
             if kept_leaf == UNNUMBERED {
                 return Err(wrong("its node belongs to no tree"));
             }
-            let Some((born_leaf, split)) = split_at(kept_leaf, collapse, leaf_count) else {
+            let Some((born_leaf, split)) = split_at(kept_leaf, collapse, exponent, leaf_count) else {
                 return Err(wrong("its node has more leaves than there are"));
             };
             leaf_of.set(born, born_leaf)?;
-            keys.push(IdKey::of(collapse, born_leaf))?;
             splits.put(born_leaf, split)?;
             work.step();
         }
         end = start;
     }
-    Ok((keys, splits.finish()?))
+    Ok(splits.finish()?)
 }
 
 /// The most records of the log that are read at once: more are not faster.
 const MOST_RECORDS: usize = 1 << 15;
 
-/// The born leaf of a collapse whose node begins at `kept_leaf`, and its split without an id.
+/// The born leaf of a collapse whose node begins at `kept_leaf`, and its split.
 #[inline]
-fn split_at(kept_leaf: u32, collapse: &LoggedCollapse, leaf_count: u32) -> Option<(u32, Split)> {
+fn split_at(kept_leaf: u32, collapse: &LoggedCollapse, exponent: i32, leaf_count: u32) -> Option<(u32, Split)> {
     let behind = |first: u32, leaves: u32| first.checked_add(leaves).filter(|leaf| *leaf < leaf_count);
     let split_of = |first, kept_leaves| if kept_leaves == 0 { Some(NO_SPLIT) } else { behind(first, kept_leaves) };
     let born_leaf = behind(kept_leaf, collapse.kept_leaves)?;
     let split = Split {
         kept: split_of(kept_leaf, collapse.kept_split)?,
         born: split_of(born_leaf, collapse.born_split)?,
-        id: 0,
-        switch: collapse.switch,
+        id: collapse.id,
+        switch: switch_of(collapse.id, exponent),
         radius: collapse.radius,
         cone: NormalCone::from_word(collapse.cone),
+        normal: collapse.normal,
     };
     Some((born_leaf, split))
 }

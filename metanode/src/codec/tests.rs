@@ -1,0 +1,538 @@
+//! The entropy coder, its tables, and decoders that are given anything at all.
+//!
+//! That pages come back as they were is tested where they are written (`write`, against `reference`).
+
+use proptest::prelude::*;
+
+use super::contexts::{DECISION_CONTEXTS, FAMILIES, FIRST_COORDINATE, SYMBOL_CONTEXTS};
+use super::frequent::MOST;
+use super::rans::{Decoder, Encoder, TOTAL};
+use super::tables::{BadTables, Classes, Counts, Tables};
+use super::{Coder, Context, Frequent, PageDecoder, Shape, scale};
+use crate::header::{Blocking, Header, ModelRoot};
+use crate::model::Model;
+use crate::page::{Page, PageError, PageLocation};
+use crate::testing::{self, Random, TreePlan, all_pages, model_bytes, open_bytes, random_tree};
+
+/// Something to be coded.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Step {
+    Symbol(usize, usize),
+    Decision(usize, bool),
+    Raw(u32, u32),
+}
+
+impl Step {
+    /// Any, mostly in a few contexts, and there mostly the same.
+    fn any(random: &mut Random) -> Self {
+        let some = |random: &mut Random, count: usize| match random.below(3) {
+            0 => random.below(count),
+            _ => random.below(count.min(4)),
+        };
+        match random.below(3) {
+            0 => {
+                let family = FAMILIES[some(random, FAMILIES.len())];
+                let context = some(random, family.contexts);
+                Step::Symbol(family.context(context), some(random, family.symbols))
+            }
+            1 => Step::Decision(some(random, DECISION_CONTEXTS), random.below(9) == 0),
+            _ => {
+                let bits = random.below(33) as u32;
+                Step::Raw(bits, (random.next() & ((1 << bits) - 1)) as u32)
+            }
+        }
+    }
+
+    /// Codes it; a decoder is not told what it is.
+    fn code<C: Coder>(self, coder: &mut C) -> Self {
+        match self {
+            Step::Symbol(context, symbol) => {
+                Step::Symbol(context, coder.symbol(context, if C::DECODES { 0 } else { symbol }))
+            }
+            Step::Decision(context, decision) => {
+                Step::Decision(context, coder.decision(context, !C::DECODES && decision))
+            }
+            Step::Raw(bits, value) => Step::Raw(bits, coder.raw(bits, if C::DECODES { 0 } else { value })),
+        }
+    }
+}
+
+fn steps(random: &mut Random, count: usize) -> Vec<Step> {
+    (0..count).map(|_| Step::any(random)).collect()
+}
+
+/// Bits, lowest first.
+#[derive(Default)]
+struct Bits {
+    bytes: Vec<u8>,
+    used: u32,
+}
+
+impl Bits {
+    fn push(&mut self, bits: u32, value: u32) {
+        for bit in 0..bits {
+            if self.used.is_multiple_of(8) {
+                self.bytes.push(0);
+            }
+            *self.bytes.last_mut().unwrap() |= ((value >> bit & 1) as u8) << (self.used % 8);
+            self.used += 1;
+        }
+    }
+}
+
+/// The class of all of a whole.
+const LARGEST_CLASS: u32 = 44;
+
+/// Any tables, as bytes.
+fn any_tables(random: &mut Random) -> Vec<u8> {
+    let mut bits = Bits::default();
+    let frequent = [0, 1, MOST, random.below(MOST + 1)][random.below(4)] as u32;
+    bits.push(6, frequent);
+    let mut number = 0;
+    for _ in 0..frequent {
+        let size = [1, 10, 25][random.below(3)];
+        number += 1 + random.below(1 << size) as u32;
+        bits.push(32, number);
+    }
+    let is_dense = random.below(2) == 0;
+    for family in FAMILIES {
+        for _ in 0..family.contexts {
+            let classes: Vec<u32> =
+                (0..family.symbols)
+                    .map(|_| {
+                        if is_dense || random.below(3) == 0 {
+                            random.below(LARGEST_CLASS as usize + 1) as u32
+                        } else {
+                            0
+                        }
+                    })
+                    .collect();
+            let is_seen = classes.iter().any(|class| *class > 0) && random.below(4) > 0;
+            bits.push(1, is_seen.into());
+            if is_seen {
+                for class in classes {
+                    bits.push(1, (class > 0).into());
+                    if class > 0 {
+                        bits.push(6, class);
+                    }
+                }
+            }
+        }
+    }
+    for _ in 0..DECISION_CONTEXTS {
+        let class = random.below(128) as u32;
+        bits.push(1, (class > 0).into());
+        if class > 0 {
+            bits.push(7, class);
+        }
+    }
+    bits.bytes
+}
+
+/// Tables of all kinds: of what was counted, of what was counted elsewhere, of nothing, and any.
+fn some_tables(random: &mut Random, counted: &[Step]) -> Tables {
+    let classes = match random.below(4) {
+        0 => Classes::unseen(),
+        1 => Classes::from_bytes(&any_tables(random)).unwrap().0,
+        kind => {
+            let others = steps(random, 500);
+            let mut counts = Counts::new();
+            for step in if kind == 2 { counted } else { &others } {
+                step.code(&mut counts);
+            }
+            counts.classes()
+        }
+    };
+    Tables::new(&classes)
+}
+
+fn encoded(tables: &Tables, steps: &[Step]) -> Vec<u8> {
+    let mut encoder = Encoder::new(tables);
+    for step in steps {
+        assert_eq!(step.code(&mut encoder), *step);
+    }
+    let mut bytes = Vec::new();
+    encoder.finish(&mut bytes);
+    bytes
+}
+
+/// What is decoded in place of these steps, and whether that was all there was; none where it cannot begin.
+fn decoded(tables: &Tables, bytes: &[u8], steps: &[Step]) -> Option<(Vec<Step>, bool)> {
+    let mut decoder = Decoder::new(tables, bytes)?;
+    let found = steps.iter().map(|step| step.code(&mut decoder)).collect();
+    Some((found, decoder.is_exact()))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    #[test]
+    fn what_is_encoded_is_decoded(seed in any::<u64>(), count in 0_usize..3000) {
+        let random = &mut Random(seed);
+        let steps = steps(random, count);
+        let tables = some_tables(random, &steps);
+        let bytes = encoded(&tables, &steps);
+        prop_assert_eq!(decoded(&tables, &bytes, &steps), Some((steps.clone(), true)));
+        // An encoder begins anew, and adds to what is there.
+        let mut encoder = Encoder::new(&tables);
+        let mut twice = vec![7];
+        for _ in 0..2 {
+            steps.iter().for_each(|step| {
+                step.code(&mut encoder);
+            });
+            encoder.finish(&mut twice);
+        }
+        prop_assert!(twice == [&[7], &bytes[..], &bytes[..]].concat());
+    }
+
+    #[test]
+    fn what_is_damaged_ends_and_is_told(seed in any::<u64>(), count in 1_usize..300) {
+        let random = &mut Random(seed);
+        let steps = steps(random, count);
+        let tables = some_tables(random, &steps);
+        let bytes = encoded(&tables, &steps);
+        let is_exact = |bytes: &[u8]| decoded(&tables, bytes, &steps).is_some_and(|(_, is_exact)| is_exact);
+        for length in 0..bytes.len() {
+            prop_assert!(!is_exact(&bytes[..length]), "{} of {}", length, bytes.len());
+        }
+        let mut more = bytes.clone();
+        more.push(0);
+        prop_assert!(!is_exact(&more));
+        for _ in 0..100 {
+            let mut altered = bytes.clone();
+            let at = random.below(altered.len());
+            altered[at] ^= 1 << random.below(8);
+            let same = decoded(&tables, &altered, &steps);
+            prop_assert!(same != Some((steps.clone(), true)), "byte {}", at);
+        }
+        // Fewer and more steps than were encoded, and bytes that never were.
+        prop_assert!(steps.len() < 40 || decoded(&tables, &bytes, &steps[..steps.len() / 2]).is_some_and(|(_, is_exact)| !is_exact));
+        let twice = [&steps[..], &steps[..]].concat();
+        let wanted: u32 = twice.iter().map(|step| if let Step::Raw(bits, _) = step { *bits } else { 0 }).sum();
+        prop_assert!(wanted < 50 || decoded(&tables, &bytes, &twice).is_some_and(|(_, is_exact)| !is_exact));
+        let length = random.below(200);
+        let mut noise: Vec<u8> = (0..length).map(|_| random.next() as u8).collect();
+        decoded(&tables, &noise, &twice);
+        if let Some(words) = noise.first_chunk_mut::<4>() {
+            *words = (random.below(60) as u32).to_le_bytes();
+            decoded(&tables, &noise, &twice);
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn probabilities_add_up_and_none_is_nothing(seed in any::<u64>()) {
+        let random = &mut Random(seed);
+        let counted = steps(random, 2000);
+        let tables = some_tables(random, &counted);
+        for family in FAMILIES {
+            for context in family.first..family.first + family.contexts {
+                let mut start = 0;
+                for symbol in 0..family.symbols {
+                    let interval = tables.interval(context, symbol);
+                    let (begin, length) = (interval & 0xffff, interval >> 16);
+                    prop_assert!(begin == start && length > 0);
+                    for value in [begin, begin + length / 2, begin + length - 1] {
+                        prop_assert_eq!(tables.find(context, value), (symbol, interval));
+                    }
+                    start += length;
+                }
+                prop_assert_eq!(start, TOTAL);
+            }
+        }
+        for context in 0..DECISION_CONTEXTS {
+            prop_assert!((1..TOTAL).contains(&tables.ones(context).into()));
+        }
+    }
+
+    #[test]
+    fn tables_come_back_as_they_were_and_nothing_else_is_taken(seed in any::<u64>()) {
+        let random = &mut Random(seed);
+        let mut counts = Counts::new();
+        steps(random, 3000).iter().for_each(|step| {
+            step.code(&mut counts);
+        });
+        let unseen = Classes::unseen().to_bytes(&Frequent::NONE);
+        for bytes in [counts.classes().to_bytes(&Frequent::new(&[0, 5, u32::MAX]).unwrap()), any_tables(random), unseen] {
+            let (classes, frequent) = Classes::from_bytes(&bytes).unwrap();
+            prop_assert!(classes.to_bytes(&frequent) == bytes);
+            for length in [0, 1, random.below(bytes.len()), bytes.len() - 1] {
+                prop_assert_eq!(Classes::from_bytes(&bytes[..length]), Err(BadTables));
+            }
+            let mut more = bytes.clone();
+            more.push(0);
+            prop_assert_eq!(Classes::from_bytes(&more), Err(BadTables));
+            for _ in 0..20 {
+                let mut altered = bytes.clone();
+                let at = random.below(bytes.len());
+                altered[at] ^= 1 << random.below(8);
+                if let Ok((other, others)) = Classes::from_bytes(&altered) {
+                    prop_assert!((&other, others) != (&classes, frequent) && other.to_bytes(&others) == altered);
+                    // Whatever is taken can be coded with.
+                    Tables::new(&other);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn numbers_of_any_size_come_back(seed in any::<u64>()) {
+        let random = &mut Random(seed);
+        let numbers: Vec<(i32, i64)> = (0..500)
+            .map(|_| {
+                let bits = random.below(41);
+                let magnitude = (random.next() & ((1_u64 << bits) - 1)) as i64;
+                let magnitude = if random.below(4) == 0 { (1_i64 << bits.min(39)) - random.below(2) as i64 } else { magnitude };
+                let sign = if random.below(2) == 0 { 1 } else { -1 };
+                // Mostly about as large as it is.
+                let expected = if random.below(3) == 0 { random.below(8000) as i32 - 4000 } else { 32 * bits as i32 };
+                (expected, sign * magnitude)
+            })
+            .collect();
+        let mut counts = Counts::new();
+        let first = FIRST_COORDINATE.first;
+        numbers.iter().for_each(|(expected, value)| {
+            scale::code(&mut counts, first, *expected, *value);
+        });
+        let tables = Tables::new(&counts.classes());
+        let mut encoder = Encoder::new(&tables);
+        for (expected, value) in &numbers {
+            prop_assert_eq!(scale::code(&mut encoder, first, *expected, *value), *value);
+        }
+        let mut bytes = Vec::new();
+        encoder.finish(&mut bytes);
+        let mut decoder = Decoder::new(&tables, &bytes).unwrap();
+        for (expected, value) in &numbers {
+            prop_assert_eq!(scale::code(&mut decoder, first, *expected, 0), *value);
+        }
+        prop_assert!(decoder.is_exact());
+        // Anything else is some number.
+        let noise: Vec<u8> = [20_u32.to_le_bytes(); 20].concat().into_iter().map(|byte| byte ^ random.next() as u8 & 7).collect();
+        if let Some(mut decoder) = Decoder::new(&tables, &noise) {
+            numbers.iter().for_each(|(expected, _)| {
+                scale::code(&mut decoder, first, *expected, 0);
+            });
+        }
+    }
+}
+
+#[test]
+fn tables_that_no_writer_writes_are_refused() {
+    let unseen = Classes::unseen().to_bytes(&Frequent::NONE);
+    assert_eq!(unseen.len(), (6 + SYMBOL_CONTEXTS + DECISION_CONTEXTS).div_ceil(8));
+    let with_first_context = |classes: &[u32]| {
+        let mut bits = Bits::default();
+        bits.push(6, 0);
+        bits.push(1, 1);
+        for class in classes {
+            bits.push(1, u32::from(*class != u32::MAX));
+            if *class != u32::MAX {
+                bits.push(6, *class);
+            }
+        }
+        (0..SYMBOL_CONTEXTS - 1 + DECISION_CONTEXTS).for_each(|_| bits.push(1, 0));
+        Classes::from_bytes(&bits.bytes)
+    };
+    let symbols = FAMILIES[0].symbols;
+    let none = vec![u32::MAX; symbols];
+    let but_one = |class: u32| [&[class], &none[1..]].concat();
+    with_first_context(&but_one(1)).unwrap();
+    with_first_context(&but_one(LARGEST_CLASS)).unwrap();
+    assert_eq!(with_first_context(&but_one(LARGEST_CLASS + 1)), Err(BadTables));
+    assert_eq!(with_first_context(&but_one(0)), Err(BadTables));
+    assert_eq!(with_first_context(&none), Err(BadTables));
+    // The last bits are no part of any class.
+    if !(6 + SYMBOL_CONTEXTS + DECISION_CONTEXTS).is_multiple_of(8) {
+        let mut altered = unseen.clone();
+        *altered.last_mut().unwrap() |= 0x80;
+        assert_eq!(Classes::from_bytes(&altered), Err(BadTables));
+    }
+}
+
+/// A small model, taken apart so that its pages can be decoded from any bytes below any ancestors.
+struct Apart {
+    model: Model,
+    bytes: Vec<u8>,
+    shape: Shape,
+    tables: Tables,
+    pages: Vec<(PageLocation, Page)>,
+}
+
+impl Apart {
+    fn new(seed: u64) -> Self {
+        let random = &mut Random(seed);
+        let shape = [testing::Shape::Random, testing::Shape::Neighbours, testing::Shape::Chain][random.below(3)];
+        let leaves = 200 + random.below(500) as u32;
+        let components = [1, 9, leaves / 7][random.below(3)];
+        let plan = TreePlan { seed, leaves, components, triangles: 2 * leaves, shape, hub: 0, reach: 40 };
+        let blocking = match random.below(3) {
+            0 => Blocking::Levels { levels: 4 },
+            _ => Blocking::Forest { slot_bytes: 4096, fan_out: 3 },
+        };
+        let bytes = model_bytes(&random_tree(&plan), blocking).0;
+        let model = open_bytes(&*bytes).unwrap();
+        let header = model.header();
+        let (start, end) = (header.after_root_tables() as usize, header.pages_offset as usize - 4);
+        let (classes, frequent) = Classes::from_bytes(&bytes[start..end]).unwrap();
+        let Header { leaf_count, exponent, lattice_step, .. } = *header;
+        let shape = Shape { leaf_count, exponent, lattice_step, frequent };
+        let tables = Tables::new(&classes);
+        let pages = all_pages(&model);
+        Apart { model, bytes, shape, tables, pages }
+    }
+
+    /// The bytes of a page.
+    fn coded(&self, number: usize) -> &[u8] {
+        let PageLocation { offset, length, .. } = self.pages[number].0;
+        &self.bytes[offset as usize..][..length as usize]
+    }
+
+    /// The ancestors of a page, from the root page down.
+    fn ancestors(&self, number: usize) -> Vec<&Page> {
+        let mut ancestors = Vec::new();
+        let mut above = self.pages[number].1.parent();
+        while let Some(number) = above {
+            let page = &self.pages[number as usize].1;
+            ancestors.insert(0, page);
+            above = page.parent();
+        }
+        ancestors
+    }
+
+    /// Decodes bytes as if they were a page. What comes out must be sound in itself, and no larger than may be.
+    fn decode(
+        &self,
+        decoder: &mut PageDecoder,
+        number: usize,
+        bytes: &[u8],
+        ancestors: &[&Page],
+    ) -> Result<Page, PageError> {
+        let trees = |number: u32| {
+            let roots: Vec<&ModelRoot> = self.model.roots().iter().filter(|root| root.page.number == number).collect();
+            roots.into_iter()
+        };
+        let context =
+            Context { location: self.pages[number].0, ancestors, shape: &self.shape, tables: &self.tables, trees };
+        let mut page = self.model.empty_page();
+        let result = decoder.decode(bytes, &context, &mut page);
+        assert!(page.counts().decoded_bytes() <= self.model.header().slot_bytes as usize);
+        match result {
+            Ok(()) => {
+                page.check(self.shape.leaf_count).unwrap();
+                Ok(page)
+            }
+            Err(error) => {
+                assert_eq!((page.counts().records, page.number()), (0, u32::MAX));
+                Err(error)
+            }
+        }
+    }
+}
+
+/// The length of a page and its checksum put right.
+fn put_right(bytes: &mut [u8]) {
+    let length = bytes.len();
+    if length < 16 {
+        return;
+    }
+    bytes[8..12].copy_from_slice(&(length as u32).to_le_bytes());
+    let checksum = crc32fast::hash(&bytes[..length - 4]);
+    bytes[length - 4..].copy_from_slice(&checksum.to_le_bytes());
+}
+
+#[test]
+fn a_changed_byte_is_refused_by_the_checksum_and_does_no_harm_without() {
+    let mut came_through = 0;
+    for seed in 0..20 {
+        let apart = Apart::new(seed);
+        let random = &mut Random(seed);
+        let mut decoder = PageDecoder::default();
+        for _ in 0..500 {
+            let number = random.below(apart.pages.len());
+            let ancestors = apart.ancestors(number);
+            let mut bytes = apart.coded(number).to_vec();
+            // The front of a page says most.
+            let within = if random.below(3) == 0 { 60 } else { usize::MAX };
+            let at = random.below(bytes.len().min(within));
+            bytes[at] ^= 1 + random.below(255) as u8;
+            assert_eq!(apart.decode(&mut decoder, number, &bytes, &ancestors).err(), Some(PageError::Checksum));
+            put_right(&mut bytes);
+            let Ok(page) = apart.decode(&mut decoder, number, &bytes, &ancestors) else { continue };
+            came_through += 1;
+            // Its children, of which nothing was changed, are decoded below it.
+            let below: Vec<&Page> = ancestors.iter().copied().chain([&page]).collect();
+            for child in page.children().map(|child| child.number as usize).filter(|child| *child < apart.pages.len()) {
+                let _ = apart.decode(&mut PageDecoder::default(), child, apart.coded(child), &below);
+            }
+        }
+    }
+    // Raw bits mean something else, whatever they are.
+    assert!(came_through > 100, "{came_through}");
+}
+
+#[test]
+fn pages_cut_short_and_pages_of_noise_do_no_harm() {
+    for seed in 20..23 {
+        let apart = Apart::new(seed);
+        let random = &mut Random(seed);
+        let mut decoder = PageDecoder::default();
+        for number in 0..apart.pages.len() {
+            let ancestors = apart.ancestors(number);
+            let whole = apart.coded(number);
+            for length in 0..whole.len() {
+                let mut bytes = whole[..length].to_vec();
+                assert!(apart.decode(&mut decoder, number, &bytes, &ancestors).is_err());
+                put_right(&mut bytes);
+                assert!(apart.decode(&mut decoder, number, &bytes, &ancestors).is_err(), "{length} of {}", whole.len());
+            }
+            for _ in 0..20 {
+                // As noise from any place on; the head as it was, or not.
+                let mut bytes = whole.to_vec();
+                let from = random.below(bytes.len());
+                bytes[from..].iter_mut().for_each(|byte| *byte = random.next() as u8);
+                put_right(&mut bytes);
+                let _ = apart.decode(&mut decoder, number, &bytes, &ancestors);
+            }
+            // What went wrong before leaves nothing behind.
+            apart.decode(&mut decoder, number, whole, &ancestors).unwrap();
+        }
+    }
+}
+
+#[test]
+fn pages_in_each_others_places_do_no_harm() {
+    for seed in 30..34 {
+        let apart = Apart::new(seed);
+        let random = &mut Random(seed);
+        let mut decoder = PageDecoder::default();
+        for _ in 0..400 {
+            let (number, other) = (random.below(apart.pages.len()), random.below(apart.pages.len()));
+            if number == other {
+                continue;
+            }
+            // Another page, and one that says that it is this.
+            let ancestors = apart.ancestors(number);
+            let mut bytes = apart.coded(other).to_vec();
+            assert!(apart.decode(&mut decoder, number, &bytes, &ancestors).is_err());
+            let above = ancestors.last().map_or(u32::MAX, |page| page.number());
+            bytes[..4].copy_from_slice(&(number as u32).to_le_bytes());
+            bytes[4..8].copy_from_slice(&above.to_le_bytes());
+            put_right(&mut bytes);
+            let _ = apart.decode(&mut decoder, number, &bytes, &ancestors);
+            // The page below others' ancestors, and one that says that it belongs there.
+            let others = [&apart.ancestors(other)[..], &[&apart.pages[other].1]].concat();
+            let mut bytes = apart.coded(number).to_vec();
+            if others.last().map(|page| page.number()) != apart.pages[number].1.parent() {
+                assert!(apart.decode(&mut decoder, number, &bytes, &others).is_err());
+                if other < number {
+                    bytes[4..8].copy_from_slice(&(other as u32).to_le_bytes());
+                    put_right(&mut bytes);
+                    let _ = apart.decode(&mut decoder, number, &bytes, &others);
+                }
+            }
+        }
+    }
+}
