@@ -42,8 +42,8 @@ impl<'a> UniformCut<'a> {
         let mut triangle_count = 0;
         let mut trees = Trees::new(model);
         model.roots().iter().for_each(|root| starts.insert(root.start));
-        walk(model, error, |page, nodes| {
-            for (index, _) in (0..).zip(nodes).filter(|(_, node)| is_applied(node.switch)) {
+        walk(model, error, |page, switches| {
+            for (index, _) in (0..).zip(switches).filter(|(_, switch)| is_applied(**switch)) {
                 let born = page.triangles(index).len() as u64;
                 triangle_count += born;
                 let Some(record) = page.record(index) else { continue };
@@ -168,8 +168,8 @@ impl<'a> UniformCut<'a> {
         mut action: impl FnMut([u64; 3]) -> Result<(), E>,
     ) -> Result<(), E> {
         let vertex = |leaf: u32| u64::from(self.starts.rank(leaf)).saturating_sub(1);
-        walk(self.model, self.error, |page, nodes| {
-            for (index, _) in (0..).zip(nodes).filter(|(_, node)| node.switch > self.error) {
+        walk(self.model, self.error, |page, switches| {
+            for (index, _) in (0..).zip(switches).filter(|(_, switch)| **switch > self.error) {
                 page.triangles(index).try_for_each(|corners| action(corners.map(vertex)))?;
             }
             Ok(())
@@ -253,9 +253,9 @@ pub fn error_for_triangles(model: &Model, triangles: u64) -> Result<f32, ModelEr
     let mut upper = None;
     for _ in 0..2 {
         let mut counts = vec![0_u64; BUCKETS];
-        walk(model, -1.0, |page, nodes| {
-            for (index, node) in (0..).zip(nodes) {
-                let (high, low) = (node.switch.to_bits() >> 16, node.switch.to_bits() & 0xffff);
+        walk(model, -1.0, |page, switches| {
+            for (index, switch) in (0..).zip(switches) {
+                let (high, low) = (switch.to_bits() >> 16, switch.to_bits() & 0xffff);
                 let bucket = match upper {
                     None => high,
                     Some(upper) if upper == high => low,

@@ -28,11 +28,11 @@ pub fn details(model: &Model, errors: &[f32], progress: &mut dyn FnMut(f64)) -> 
     let mut triangles = vec![0; errors.len()];
     let mut chain = PageChain::measuring(model);
     let (mut pages, page_count) = (0_u32, f64::from(model.header().page_count.max(1)));
-    walk_along(&mut chain, model, -1.0, |page, nodes| {
-        for (index, node) in (0..).zip(nodes) {
-            smallest_switch = smallest_switch.min(node.switch);
+    walk_along(&mut chain, model, -1.0, |page, switches| {
+        for (index, switch) in (0..).zip(switches) {
+            smallest_switch = smallest_switch.min(*switch);
             let born = page.triangles(index).len() as u64;
-            for (count, _) in triangles.iter_mut().zip(errors).filter(|(_, error)| node.switch > **error) {
+            for (count, _) in triangles.iter_mut().zip(errors).filter(|(_, error)| *switch > **error) {
                 *count += born;
             }
         }

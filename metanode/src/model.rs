@@ -49,8 +49,8 @@ impl Model {
             let root: &ModelRoot = &roots[*index as usize];
             (root.page.number, root.record)
         });
-        let Header { leaf_count, exponent, lattice_step, .. } = header;
-        let shape = Shape { leaf_count, exponent, lattice_step, frequent };
+        let Header { exponent, lattice_step, .. } = header;
+        let shape = Shape { exponent, lattice_step, frequent };
         Ok(Model { file, header, roots, roots_by_page, root_pages, ways, shape, tables })
     }
 

@@ -16,30 +16,21 @@ use crate::header::ModelError;
 use crate::model::Model;
 use crate::page::{Page, PageLocation, Target};
 
-/// What the walk knows of the node of a record.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(crate) struct Reached {
-    /// The node's switch value, in mesh units; 0 where the parent's split is not applied.
-    pub(crate) switch: f32,
-    /// How many pages lead from the tree's root to the record, both counted.
-    pub(crate) pages: u32,
-}
-
 /// A page that is to be visited.
 struct Visit {
     location: PageLocation,
     /// Number of its parent page, `None` for a root page.
     parent: Option<u32>,
-    /// Nodes that are reached, by record.
-    nodes: Vec<(u16, Reached)>,
+    /// The switch values of nodes that are reached, by record.
+    nodes: Vec<(u16, f32)>,
 }
 
 /// Visits each page with a split whose switch value is above `error`: all with a negative error. `visit` gets, with the
-/// page, what is known of each record's node.
+/// page, the switch value of each record's node, in mesh units; 0 where its parent's split is not applied.
 pub(crate) fn walk<E: From<ModelError>>(
     model: &Model,
     error: f32,
-    visit: impl FnMut(&Page, &[Reached]) -> Result<(), E>,
+    visit: impl FnMut(&Page, &[f32]) -> Result<(), E>,
 ) -> Result<(), E> {
     walk_along(&mut PageChain::new(model), model, error, visit)
 }
@@ -49,7 +40,7 @@ pub(crate) fn walk_along<E: From<ModelError>>(
     chain: &mut PageChain<'_>,
     model: &Model,
     error: f32,
-    mut visit: impl FnMut(&Page, &[Reached]) -> Result<(), E>,
+    mut visit: impl FnMut(&Page, &[f32]) -> Result<(), E>,
 ) -> Result<(), E> {
     let applied = |switch: f32| switch > error;
     let begins = |number: u32| {
@@ -61,7 +52,7 @@ pub(crate) fn walk_along<E: From<ModelError>>(
         Ok(way) => leads.ways[way],
         Err(_) => leads.root_pages.get(number as usize).is_some_and(|leads| *leads),
     };
-    let mut reached = Vec::new();
+    let mut switches = Vec::new();
     for root_page in model.root_pages() {
         if !is_needed(root_page.number) {
             continue;
@@ -71,39 +62,35 @@ pub(crate) fn walk_along<E: From<ModelError>>(
             let page = chain.page(location, parent)?;
             for index in model.roots_in_page(location.number) {
                 let root = &model.roots()[*index as usize];
-                nodes.push((root.record, Reached { switch: root.switch, pages: 1 }));
+                nodes.push((root.record, root.switch));
             }
-            reached.clear();
-            reached.resize(page.counts().records, Reached::default());
-            for (record, node) in nodes {
-                match reached[..page.root_count()].get_mut(usize::from(record)) {
-                    Some(place) => *place = node,
+            switches.clear();
+            switches.resize(page.counts().records, 0.0);
+            for (record, switch) in nodes {
+                match switches[..page.root_count()].get_mut(usize::from(record)) {
+                    Some(place) => *place = switch,
                     None => {
                         let problem = format!("record {record} is referred to, of {} roots", page.root_count());
                         return Err(model.damaged_page(location.number, problem).into());
                     }
                 }
             }
-            let mut below: Vec<Vec<(u16, Reached)>> = vec![Vec::new(); page.counts().children];
+            let mut below: Vec<Vec<(u16, f32)>> = vec![Vec::new(); page.counts().children];
             for index in 0..page.counts().records {
-                let node = reached[index];
-                let Some(record) = page.record(index as u16).filter(|_| applied(node.switch)) else { continue };
+                let Some(record) = page.record(index as u16).filter(|_| applied(switches[index])) else { continue };
                 for entry in [record.kept, record.born].into_iter().flatten() {
-                    let child = Reached { switch: entry.switch, pages: node.pages };
                     match entry.target {
-                        Target::SamePage { record } => reached[usize::from(record)] = child,
-                        Target::ChildPage { child: page, record } => {
-                            below[usize::from(page)].push((record, Reached { pages: node.pages + 1, ..child }));
-                        }
+                        Target::SamePage { record } => switches[usize::from(record)] = entry.switch,
+                        Target::ChildPage { child, record } => below[usize::from(child)].push((record, entry.switch)),
                     }
                 }
             }
-            if reached.iter().any(|node| applied(node.switch)) {
-                visit(page, &reached)?;
+            if switches.iter().any(|switch| applied(*switch)) {
+                visit(page, &switches)?;
             }
             let first = stack.len();
             for (child, nodes) in page.children().zip(below) {
-                if is_needed(child.number) || nodes.iter().any(|(_, node)| applied(node.switch)) {
+                if is_needed(child.number) || nodes.iter().any(|(_, switch)| applied(*switch)) {
                     stack.push(Visit { location: child, parent: Some(location.number), nodes });
                 }
             }

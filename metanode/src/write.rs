@@ -27,12 +27,11 @@ use vdt::tree::StoredTree;
 
 use crate::blocking::{self, BlockingError, Filler};
 use crate::codec::{Frequent, Shape, Tables};
-use crate::header::{self, Blocking, ErrorBound, Header, LARGEST_SLOT_BYTES, Metric, Positions, Strategy};
-use crate::header::{HEADER_BYTES, ModelRoot, Way};
-use crate::leaf_order::Sums;
-use crate::leaf_order::{Subtree, check_place};
-use crate::page::NONE_32;
-use crate::page::PageLocation;
+use crate::header::{
+    self, Blocking, ErrorBound, HEADER_BYTES, Header, LARGEST_SLOT_BYTES, Metric, ModelRoot, Positions, Strategy, Way,
+};
+use crate::leaf_order::{Subtree, Sums, check_place};
+use crate::page::{NONE_32, PageLocation};
 use count::Counted;
 use gather::{Bounds, Gatherer, Work};
 use place::{Front, Places};
@@ -191,7 +190,6 @@ pub fn write_model(
     };
     let filler = Filler::new(options.blocking);
     let shape = Shape {
-        leaf_count: tree.leaf_count() as u32,
         exponent: tree.exponent,
         lattice_step: tree.lattice_step,
         frequent: match tree.lattice_step {
@@ -254,7 +252,7 @@ fn header_of(work: &Work<'_>, options: &ModelOptions, counted: &Counted, bounds:
     let Bounds { minimum, maximum } =
         if tree.roots.is_empty() { Bounds { minimum: [0.0; 3], maximum: [0.0; 3] } } else { *bounds };
     Header {
-        leaf_count: shape.leaf_count,
+        leaf_count: tree.leaf_count() as u32,
         triangle_count: tree.triangles.len() as u32,
         split_count: (tree.leaf_count() - tree.roots.len() as u64) as u32,
         root_count: tree.roots.len() as u32,

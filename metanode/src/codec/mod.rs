@@ -17,6 +17,7 @@
 //! | module | what else there is |
 //! |---|---|
 //! | `rans` | the entropy coder |
+//! | `raw` | bits without a model |
 //! | `tables` | probabilities, counted once for a file |
 //! | `contexts` | how many contexts there are of each kind |
 //! | `frequent` | numbers that come again and again |
@@ -40,6 +41,7 @@ mod order;
 mod paths;
 mod positions;
 mod rans;
+mod raw;
 mod scale;
 mod sizes;
 mod structure;
@@ -55,7 +57,8 @@ use nodes::{BORN, ELSEWHERE, KEPT, LEAF, Nodes};
 pub(crate) use cones::class_for;
 pub(crate) use frame::{CHECKSUM_BYTES, Context, Head, PageDecoder};
 pub(crate) use frequent::Frequent;
-pub(crate) use rans::{Coder, Decoder, Encoder};
+pub(crate) use nodes::Node;
+pub(crate) use rans::{Coder, Decoder, Encoder, Uncounted};
 pub use sizes::FieldBits;
 pub(crate) use sizes::Measured;
 pub(crate) use structure::{KIND_BELOW, KIND_HERE, radius_class};
@@ -64,8 +67,6 @@ pub(crate) use tables::{BadTables, Classes, Counts, Tables};
 /// What pages of a model have in common.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Shape {
-    /// Leaves of the model.
-    pub leaf_count: u32,
     /// Switch values are normalised by two to this power.
     pub exponent: i32,
     /// The step of the lattice that all positions are on, in mesh units; 0 where there is none.

@@ -2,7 +2,7 @@
 //!
 //! Contexts are made from the geometry of nodes: where both children stand, how large they are, which way the surface faces.
 //! For the page at hand that is filled in field by field, as they are decoded; for its ancestors it is worked out from the
-//! decoded pages ([`Nodes::expand`]), once for all their child pages that are decoded one after the other.
+//! decoded pages ([`Nodes::begin`]), once for all their child pages that are decoded one after the other.
 //!
 //! Memory: 128 bytes for each record of the pages on the path from a root page down.
 

@@ -12,6 +12,7 @@ use vdt::tree::Normal;
 use super::contexts::{FIRST_NORMAL, SECOND_NORMAL};
 use super::nodes::{BORN, KEPT, NONE, Nodes, cross, minus};
 use super::rans::Coder;
+use super::scale;
 use super::triangles::Scratch as Triangles;
 use super::{Damage, Fields};
 
@@ -123,18 +124,5 @@ fn encoded(direction: [f32; 3]) -> Normal {
 /// Codes a coordinate.
 #[inline(always)]
 fn coordinate<C: Coder>(coder: &mut C, context: usize, expected: i32, actual: i32) -> i32 {
-    let difference = actual - expected;
-    let magnitude = difference.unsigned_abs();
-    let class =
-        if magnitude < 4 { magnitude } else { 2 * magnitude.ilog2() + (magnitude >> (magnitude.ilog2() - 1) & 1) };
-    let symbol = coder.symbol(context, (2 * class + u32::from(difference < 0)) as usize) as u32;
-    let class = symbol / 2;
-    let magnitude = if class < 4 {
-        class
-    } else {
-        let top = class / 2;
-        let smallest = (2 | class & 1) << (top - 1);
-        smallest + coder.raw(top - 1, magnitude.wrapping_sub(smallest))
-    } as i32;
-    expected + if symbol & 1 == 1 { -magnitude } else { magnitude }
+    expected + scale::signed(coder, context, i64::from(actual - expected)) as i32
 }

@@ -12,6 +12,7 @@
 use super::contexts::{DOWN, FIRST_LEAF, OUTSIDE, UP};
 use super::nodes::{BORN, ELSEWHERE, KEPT, LEAF, NONE, Node, dot, minus};
 use super::rans::Coder;
+use super::scale;
 
 /// Which corner is looked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -175,13 +176,7 @@ impl Outside {
                 let far = ((half_octaves(square) - half_octaves(edge)) >> 1) + 4;
                 let context = OUTSIDE.context(far.clamp(0, 7) as usize);
                 let difference = i64::from(leaf) - i64::from(known);
-                let magnitude = difference.unsigned_abs();
-                let symbol = 2 * super::scale::class(magnitude) as usize + usize::from(difference < 0);
-                let symbol = coder.symbol(context, symbol);
-                let (smallest, bits) = super::scale::of_class((symbol / 2) as i32);
-                let rest = coder.raw(bits.min(31), magnitude.wrapping_sub(smallest) as u32);
-                let magnitude = (smallest + u64::from(rest)) as i64;
-                let found = i64::from(known) + if symbol & 1 == 1 { -magnitude } else { magnitude };
+                let found = i64::from(known) + scale::signed(coder, context, difference);
                 if found == i64::from(known) {
                     return Some(known);
                 }
@@ -309,7 +304,7 @@ impl Way {
 }
 
 /// Goes up from a node to the first one above it whose other child has `leaf`, which only an encoder knows, and down to it from
-/// there. `edge` is the square of the length of the edge that it is at. None where the file is wrong.
+/// there. `edge` is the square of the length of the edge that it is at. [`Found::NONE`] where the file is wrong.
 pub(super) fn up_and_down<C: Coder>(
     coder: &mut C,
     nodes: &[Node],

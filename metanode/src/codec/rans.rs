@@ -21,6 +21,7 @@
 //! or looked up in tables of 2¹² entries for each context. With some thousand contexts, most of them for one bit, what is
 //! needed is a multiplication and a comparison.
 
+use super::raw::{RawReader, RawWriter};
 use super::tables::Tables;
 
 /// Bits of a probability.
@@ -48,6 +49,26 @@ pub(crate) trait Coder {
     fn raw(&mut self, bits: u32, value: u32) -> u32;
 }
 
+/// Takes symbols and does nothing with them: for who wants to know what follows from the fields.
+#[derive(Debug)]
+pub(crate) struct Uncounted;
+
+impl Coder for Uncounted {
+    const DECODES: bool = false;
+
+    fn symbol(&mut self, _: usize, symbol: usize) -> usize {
+        symbol
+    }
+
+    fn decision(&mut self, _: usize, decision: bool) -> bool {
+        decision
+    }
+
+    fn raw(&mut self, _: u32, value: u32) -> u32 {
+        value
+    }
+}
+
 /// Encodes a page.
 #[derive(Debug)]
 pub(crate) struct Encoder<'a> {
@@ -56,32 +77,6 @@ pub(crate) struct Encoder<'a> {
     intervals: Vec<u32>,
     raw: RawWriter,
     words: Vec<u16>,
-}
-
-#[derive(Debug, Default)]
-struct RawWriter {
-    bytes: Vec<u8>,
-    pending: u64,
-    count: u32,
-}
-
-impl RawWriter {
-    fn push(&mut self, bits: u32, value: u32) {
-        self.pending |= (u64::from(value) & ((1 << bits) - 1)) << self.count;
-        self.count += bits;
-        while self.count >= 8 {
-            self.bytes.push(self.pending as u8);
-            self.pending >>= 8;
-            self.count -= 8;
-        }
-    }
-
-    fn flush(&mut self) {
-        if self.count > 0 {
-            self.bytes.push(self.pending as u8);
-            (self.pending, self.count) = (0, 0);
-        }
-    }
 }
 
 impl<'a> Encoder<'a> {
@@ -106,8 +101,7 @@ impl<'a> Encoder<'a> {
         bytes.extend((self.words.len() as u32).to_le_bytes());
         states.iter().for_each(|state| bytes.extend(state.to_le_bytes()));
         self.words.iter().rev().for_each(|word| bytes.extend(word.to_le_bytes()));
-        self.raw.flush();
-        bytes.append(&mut self.raw.bytes);
+        self.raw.finish(bytes);
         self.intervals.clear();
     }
 }
@@ -140,10 +134,7 @@ pub(crate) struct Decoder<'a> {
     states: [u32; 2],
     words: &'a [[u8; 2]],
     next_word: usize,
-    raw: &'a [u8],
-    next_byte: usize,
-    pending: u64,
-    count: u32,
+    raw: RawReader<'a>,
 }
 
 impl<'a> Decoder<'a> {
@@ -158,20 +149,13 @@ impl<'a> Decoder<'a> {
             states: [word(4), word(8)],
             words: words.as_chunks::<2>().0,
             next_word: 0,
-            raw,
-            next_byte: 0,
-            pending: 0,
-            count: 0,
+            raw: RawReader::new(raw),
         })
     }
 
     /// Whether everything that there was has been read, and nothing beyond.
     pub fn is_exact(&self) -> bool {
-        let left = self.next_byte * 8 - self.count as usize;
-        self.states == [LOWEST; 2]
-            && self.next_word == self.words.len()
-            && left.div_ceil(8) == self.raw.len()
-            && self.pending == 0
+        self.states == [LOWEST; 2] && self.next_word == self.words.len() && self.raw.is_exact()
     }
 
     /// The state after a symbol whose interval was found.
@@ -209,27 +193,6 @@ impl Coder for Decoder<'_> {
 
     #[inline(always)]
     fn raw(&mut self, bits: u32, _: u32) -> u32 {
-        if self.count < bits {
-            // As many whole bytes as fit, at least 32 bits in all.
-            match self.raw.get(self.next_byte..).and_then(|rest| rest.first_chunk::<4>()) {
-                Some(chunk) => {
-                    self.pending |= u64::from(u32::from_le_bytes(*chunk)) << self.count;
-                    self.next_byte += 4;
-                    self.count += 32;
-                }
-                None => {
-                    while self.count < bits {
-                        let byte = self.raw.get(self.next_byte).copied().unwrap_or(0);
-                        self.pending |= u64::from(byte) << self.count;
-                        self.next_byte += 1;
-                        self.count += 8;
-                    }
-                }
-            }
-        }
-        let value = self.pending & ((1 << bits) - 1);
-        self.pending >>= bits;
-        self.count -= bits;
-        value as u32
+        self.raw.take(bits)
     }
 }

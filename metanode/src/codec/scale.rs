@@ -31,7 +31,7 @@ pub(crate) fn logarithm(value: f32) -> i32 {
 
 /// The half-octave class of a number: 0, 1, 2, 3, 4 (4 and 5), 5 (6 and 7), 6 (8 to 11), ….
 #[inline(always)]
-pub(super) fn class(magnitude: u64) -> i32 {
+fn class(magnitude: u64) -> i32 {
     if magnitude < 4 {
         return magnitude as i32;
     }
@@ -41,12 +41,39 @@ pub(super) fn class(magnitude: u64) -> i32 {
 
 /// The smallest number of a class, and how many bits tell its numbers apart.
 #[inline(always)]
-pub(super) fn of_class(class: i32) -> (u64, u32) {
+fn of_class(class: i32) -> (u64, u32) {
     if class < 4 {
         return (class.max(0) as u64, 0);
     }
     let top = (class / 2) as u32;
     ((2 | (class & 1) as u64) << (top - 1), top - 1)
+}
+
+/// Codes which number of its class one is. The class is known; the number itself to an encoder only.
+#[inline(always)]
+fn within<C: Coder>(coder: &mut C, class: i32, number: u64) -> u64 {
+    let (smallest, bits) = of_class(class);
+    let rest = number.wrapping_sub(smallest);
+    // A class may have more numbers than raw bits can tell apart at once.
+    let low = coder.raw(bits.min(24), rest as u32);
+    let high = if bits > 24 { coder.raw(bits - 24, (rest >> 24) as u32) } else { 0 };
+    smallest + (u64::from(high) << 24 | u64::from(low))
+}
+
+/// Codes a number of which nothing is expected, as its class.
+#[inline(always)]
+pub(super) fn number<C: Coder>(coder: &mut C, context: usize, number: u64) -> u64 {
+    let found = coder.symbol(context, class(number) as usize);
+    within(coder, found as i32, number)
+}
+
+/// The same for one that may be negative.
+#[inline(always)]
+pub(super) fn signed<C: Coder>(coder: &mut C, context: usize, number: i64) -> i64 {
+    let magnitude = number.unsigned_abs();
+    let symbol = coder.symbol(context, 2 * class(magnitude) as usize + usize::from(number < 0));
+    let magnitude = within(coder, (symbol / 2) as i32, magnitude) as i64;
+    if symbol & 1 == 1 { -magnitude } else { magnitude }
 }
 
 /// Codes a signed number. `expected` is the logarithm of how large it is likely to be, in 32nds of an octave; `first` the first of
@@ -62,17 +89,7 @@ pub(crate) fn code<C: Coder>(coder: &mut C, first: usize, expected: i32, value: 
     let symbol = coder.symbol(first + context as usize, symbol);
     let place = (symbol / 2) as i32 - 1;
     found = if place == -1 || place == CLASSES { coder.raw(CLASS_BITS, found as u32) as i32 } else { base + place };
-    let (smallest, bits) = of_class(found.clamp(0, 81));
-    let mut rest = magnitude.wrapping_sub(smallest);
-    if bits > 24 {
-        let low = coder.raw(24, rest as u32 & 0xff_ffff);
-        rest = u64::from(coder.raw(bits - 24, (rest >> 24) as u32)) << 24 | u64::from(low);
-    } else if bits > 0 {
-        rest = coder.raw(bits, rest as u32).into();
-    } else {
-        rest = 0;
-    }
-    let magnitude = (smallest + rest) as i64;
+    let magnitude = within(coder, found.clamp(0, 81), magnitude) as i64;
     if symbol & 1 == 1 { -magnitude } else { magnitude }
 }
 

@@ -9,7 +9,7 @@ use super::contexts::{STRUCTURE, SUBTREE_RADIUS, SUBTREE_SIZE};
 use super::nodes::{BORN, ELSEWHERE, KEPT, LEAF, Node, Nodes};
 use super::paths::step_class;
 use super::rans::Coder;
-use super::scale::logarithm;
+use super::scale::{self, logarithm};
 use super::{Below, Damage, Fields};
 
 /// A child's kinds.
@@ -141,20 +141,14 @@ pub(super) fn code<C: Coder>(coder: &mut C, nodes: &mut Nodes, fields: &mut Fiel
 /// Codes what is known of a subtree in a child page, below a root of so many leaves.
 fn code_below<C: Coder>(coder: &mut C, below: Below, size_of_root: u32) -> Result<Below, Damage> {
     let wrong = |problem| Damage { field: "subtree in a child page", index: 0, problem };
-    // Two leaves at least. Half octaves, and the rest raw.
-    let size = below.size.max(2);
-    let top = 31 - size.leading_zeros();
-    let symbol = (2 * top + (size >> (top - 1) & 1)) as usize;
-    let symbol = coder.symbol(SUBTREE_SIZE.context(0), symbol) as u32;
-    let top = symbol / 2;
-    if !(1..=31).contains(&top) {
+    // Two leaves at least.
+    let size = scale::number(coder, SUBTREE_SIZE.context(0), below.size.max(2).into());
+    if size < 2 {
         return Err(wrong("a size that none can have"));
     }
-    let smallest = (2 | symbol & 1) << (top - 1);
-    let size = smallest + coder.raw(top - 1, size.wrapping_sub(smallest));
-    if size > size_of_root {
+    let Some(size) = u32::try_from(size).ok().filter(|size| *size <= size_of_root) else {
         return Err(wrong("it is larger than the tree that it is in"));
-    }
+    };
     let smaller = (logarithm(size_of_root as f32) - logarithm(size as f32)) / 16;
     let context = SUBTREE_RADIUS.context((smaller as usize).min(SUBTREE_RADIUS.contexts - 1));
     let radius = coder.symbol(context, below.radius.into()) as u8;

@@ -23,6 +23,7 @@
 use super::contexts::{DECISION_CONTEXTS, FAMILIES, SYMBOL_CONTEXTS};
 use super::frequent::Frequent;
 use super::rans::{Coder, TOTAL};
+use super::raw::{RawReader, RawWriter};
 
 /// Bits of the class of a symbol.
 const SYMBOL_BITS: u32 = 6;
@@ -162,9 +163,9 @@ impl Classes {
 
     /// As bytes, with the frequent numbers of the file.
     pub fn to_bytes(&self, frequent: &Frequent) -> Vec<u8> {
-        let mut bits = Bits::default();
-        bits.push(6, frequent.numbers().len() as u8);
-        frequent.numbers().iter().flat_map(|number| number.to_le_bytes()).for_each(|byte| bits.push(8, byte));
+        let mut bits = RawWriter::default();
+        bits.push(6, frequent.numbers().len() as u32);
+        frequent.numbers().iter().for_each(|number| bits.push(32, *number));
         let mut rest = self.symbols.as_slice();
         for count in alphabets() {
             let (symbols, others) = rest.split_at(count);
@@ -175,7 +176,7 @@ impl Classes {
                 for class in symbols {
                     bits.push(1, (*class > 0).into());
                     if *class > 0 {
-                        bits.push(SYMBOL_BITS, *class);
+                        bits.push(SYMBOL_BITS, (*class).into());
                     }
                 }
             }
@@ -183,74 +184,35 @@ impl Classes {
         for class in &self.decisions {
             bits.push(1, (*class > 0).into());
             if *class > 0 {
-                bits.push(DECISION_BITS, *class);
+                bits.push(DECISION_BITS, (*class).into());
             }
         }
-        bits.bytes
+        let mut bytes = Vec::new();
+        bits.finish(&mut bytes);
+        bytes
     }
 
     /// From bytes, all of which must be used.
     pub fn from_bytes(bytes: &[u8]) -> Result<(Self, Frequent), BadTables> {
-        let mut bits = BitReader { bytes, next: 0 };
-        let mut numbers = Vec::new();
-        for _ in 0..bits.take(6)? {
-            numbers.push(u32::from_le_bytes([bits.take(8)?, bits.take(8)?, bits.take(8)?, bits.take(8)?]));
-        }
+        let mut bits = RawReader::new(bytes);
+        let numbers: Vec<u32> = (0..bits.take(6)).map(|_| bits.take(32)).collect();
         let frequent = Frequent::new(&numbers).ok_or(BadTables)?;
         let mut symbols = Vec::new();
         for count in alphabets() {
-            let is_seen = bits.take(1)? == 1;
+            let is_seen = bits.take(1) == 1;
             for _ in 0..count {
-                symbols.push(if is_seen && bits.take(1)? == 1 { bits.take(SYMBOL_BITS)? } else { 0 });
+                symbols.push(if is_seen && bits.take(1) == 1 { bits.take(SYMBOL_BITS) as u8 } else { 0 });
             }
         }
-        let mut decisions = Vec::new();
-        for _ in 0..DECISION_CONTEXTS {
-            decisions.push(if bits.take(1)? == 1 { bits.take(DECISION_BITS)? } else { 0 });
-        }
+        let decisions = (0..DECISION_CONTEXTS)
+            .map(|_| if bits.take(1) == 1 { bits.take(DECISION_BITS) as u8 } else { 0 })
+            .collect();
         let classes = Classes { symbols, decisions };
         // Nothing else has the same meaning: no class but those that are written, no byte behind the last.
         if classes.to_bytes(&frequent) != bytes || classes.symbols.iter().any(|value| *value > class(TOTAL)) {
             return Err(BadTables);
         }
         Ok((classes, frequent))
-    }
-}
-
-#[derive(Debug, Default)]
-struct Bits {
-    bytes: Vec<u8>,
-    used: u32,
-}
-
-impl Bits {
-    fn push(&mut self, bits: u32, value: u8) {
-        for bit in 0..bits {
-            if self.used.is_multiple_of(8) {
-                self.bytes.push(0);
-            }
-            if let Some(last) = self.bytes.last_mut() {
-                *last |= (value >> bit & 1) << (self.used % 8);
-            }
-            self.used += 1;
-        }
-    }
-}
-
-struct BitReader<'a> {
-    bytes: &'a [u8],
-    next: usize,
-}
-
-impl BitReader<'_> {
-    fn take(&mut self, bits: u32) -> Result<u8, BadTables> {
-        let mut value = 0;
-        for bit in 0..bits {
-            let byte = self.bytes.get(self.next / 8).ok_or(BadTables)?;
-            value |= (byte >> (self.next % 8) & 1) << bit;
-            self.next += 1;
-        }
-        Ok(value)
     }
 }
 

@@ -7,6 +7,7 @@ use proptest::prelude::*;
 use super::contexts::{DECISION_CONTEXTS, FAMILIES, FIRST_COORDINATE, SYMBOL_CONTEXTS};
 use super::frequent::MOST;
 use super::rans::{Decoder, Encoder, TOTAL};
+use super::raw::RawWriter;
 use super::tables::{BadTables, Classes, Counts, Tables};
 use super::{Coder, Context, Frequent, PageDecoder, Shape, scale};
 use crate::header::{Blocking, Header, ModelRoot};
@@ -61,31 +62,12 @@ fn steps(random: &mut Random, count: usize) -> Vec<Step> {
     (0..count).map(|_| Step::any(random)).collect()
 }
 
-/// Bits, lowest first.
-#[derive(Default)]
-struct Bits {
-    bytes: Vec<u8>,
-    used: u32,
-}
-
-impl Bits {
-    fn push(&mut self, bits: u32, value: u32) {
-        for bit in 0..bits {
-            if self.used.is_multiple_of(8) {
-                self.bytes.push(0);
-            }
-            *self.bytes.last_mut().unwrap() |= ((value >> bit & 1) as u8) << (self.used % 8);
-            self.used += 1;
-        }
-    }
-}
-
 /// The class of all of a whole.
 const LARGEST_CLASS: u32 = 44;
 
 /// Any tables, as bytes.
 fn any_tables(random: &mut Random) -> Vec<u8> {
-    let mut bits = Bits::default();
+    let mut bits = RawWriter::default();
     let frequent = [0, 1, MOST, random.below(MOST + 1)][random.below(4)] as u32;
     bits.push(6, frequent);
     let mut number = 0;
@@ -126,7 +108,9 @@ fn any_tables(random: &mut Random) -> Vec<u8> {
             bits.push(7, class);
         }
     }
-    bits.bytes
+    let mut bytes = Vec::new();
+    bits.finish(&mut bytes);
+    bytes
 }
 
 /// Tables of all kinds: of what was counted, of what was counted elsewhere, of nothing, and any.
@@ -324,7 +308,7 @@ fn tables_that_no_writer_writes_are_refused() {
     let unseen = Classes::unseen().to_bytes(&Frequent::NONE);
     assert_eq!(unseen.len(), (6 + SYMBOL_CONTEXTS + DECISION_CONTEXTS).div_ceil(8));
     let with_first_context = |classes: &[u32]| {
-        let mut bits = Bits::default();
+        let mut bits = RawWriter::default();
         bits.push(6, 0);
         bits.push(1, 1);
         for class in classes {
@@ -334,7 +318,9 @@ fn tables_that_no_writer_writes_are_refused() {
             }
         }
         (0..SYMBOL_CONTEXTS - 1 + DECISION_CONTEXTS).for_each(|_| bits.push(1, 0));
-        Classes::from_bytes(&bits.bytes)
+        let mut bytes = Vec::new();
+        bits.finish(&mut bytes);
+        Classes::from_bytes(&bytes)
     };
     let symbols = FAMILIES[0].symbols;
     let none = vec![u32::MAX; symbols];
@@ -377,8 +363,8 @@ impl Apart {
         let header = model.header();
         let (start, end) = (header.after_root_tables() as usize, header.pages_offset as usize - 4);
         let (classes, frequent) = Classes::from_bytes(&bytes[start..end]).unwrap();
-        let Header { leaf_count, exponent, lattice_step, .. } = *header;
-        let shape = Shape { leaf_count, exponent, lattice_step, frequent };
+        let Header { exponent, lattice_step, .. } = *header;
+        let shape = Shape { exponent, lattice_step, frequent };
         let tables = Tables::new(&classes);
         let pages = all_pages(&model);
         Apart { model, bytes, shape, tables, pages }
@@ -421,7 +407,7 @@ impl Apart {
         assert!(page.counts().decoded_bytes() <= self.model.header().slot_bytes as usize);
         match result {
             Ok(()) => {
-                page.check(self.shape.leaf_count).unwrap();
+                page.check(self.model.header().leaf_count).unwrap();
                 Ok(page)
             }
             Err(error) => {

@@ -17,7 +17,7 @@ use super::descent::{self, Visitor};
 use super::gather::{Ancestor, Gatherer, Position, Work};
 use super::{Totals, WriteError};
 use crate::blocking::{BlockingError, Filled, Filler};
-use crate::codec::{Classes, Counts};
+use crate::codec::{Classes, Counts, Uncounted};
 use crate::header::LARGEST_SLOT_BYTES;
 use crate::leaf_order::{Nodes, Subtree};
 use crate::page::{CHILD_PAGE_WORDS, HEADER_WORDS};
@@ -58,8 +58,6 @@ struct Counter<'a> {
     tree: &'a StoredTree,
     gatherer: Gatherer<'a>,
     counts: Counts,
-    /// What is coded but not counted.
-    others: Counts,
     places: Vec<RootPlace>,
     totals: Totals,
     words: u64,
@@ -115,8 +113,12 @@ impl<'a> Visitor<'a> for Counter<'a> {
         if children.is_empty() && !is_counted {
             return Ok(None);
         }
-        let counts = if is_counted { &mut self.counts } else { &mut self.others };
-        Ok(self.gatherer.code(position, page, children, counts)?.ancestor)
+        let gathered = if is_counted {
+            self.gatherer.code(position, page, children, &mut self.counts)?
+        } else {
+            self.gatherer.code(position, page, children, &mut Uncounted)?
+        };
+        Ok(gathered.ancestor)
     }
 }
 
@@ -134,7 +136,6 @@ pub(super) fn count(
             tree,
             gatherer: Gatherer::new(work, &next_number),
             counts: Counts::new(),
-            others: Counts::new(),
             places: Vec::new(),
             totals: Totals::default(),
             words: 0,

@@ -14,7 +14,9 @@ use vdt::tree::{Root, Split, StoredTree};
 
 use super::{WriteError, WriteResources, check_values};
 use crate::blocking::{BlockingError, Filled, Filler};
-use crate::codec::{Coder, Fields, Head, PageCoder, Shape, class_for, radius_class};
+use crate::codec::{
+    Below, Coder, Fields, Head, KIND_BELOW, KIND_HERE, Node, PageCoder, Shape, class_for, radius_class,
+};
 use crate::header::ModelRoot;
 use crate::leaf_order::{Cache, Nodes, Subtree, Sums};
 use crate::page::{NONE_32, Page, PageError, PageLocation};
@@ -207,28 +209,34 @@ impl<'a> Gatherer<'a> {
         fields.children.extend(children.iter().map(|roots| roots.iter().filter(|root| !root.is_tree).count() as u16));
         // Breadth-first, so the next record that is not a root belongs to the next child that is in this page.
         let mut next_inside = page.root_count;
-        // Which root of the page each record is under.
-        let mut root_of: Vec<u32> = (0..page.root_count as u32).collect();
+        // For each record which root of the page it is under, and the normal where it stands.
+        let roots = &self.coder.nodes.all[self.coder.nodes.first..];
+        let mut stands: Vec<(usize, [f32; 3])> =
+            roots.iter().enumerate().map(|(index, root)| (index, root.normals[0])).collect();
         for (index, subtree) in records.iter().enumerate() {
             let position = self.positions.get(subtree.split)?;
             check_position(subtree.split, position)?;
             self.bounds.extend(position);
-            let of_root = self.coder.nodes.all[self.coder.nodes.first + root_of[index] as usize].radius;
+            let (root, at_kept) = stands[index];
+            let Node { radius: of_root, is_inward, .. } = self.coder.nodes.all[self.coder.nodes.first + root];
+            let normal = self.nodes.split(subtree.split)?.normal;
             let mut kinds = [0; 2];
-            for (kind, child) in kinds.iter_mut().zip(self.nodes.children(*subtree)?) {
+            let children = self.nodes.children(*subtree)?.into_iter().zip([at_kept, normal.decode()]);
+            for (kind, (child, normal)) in kinds.iter_mut().zip(children) {
                 let Some(child) = child else { continue };
-                let Split { id, switch, radius, .. } = self.nodes.split(child.split)?;
+                let Split { id, switch, radius, cone, .. } = self.nodes.split(child.split)?;
                 check_values(child.split, switch, radius)?;
                 if records.get(next_inside).is_some_and(|record| record.split == child.split) {
                     next_inside += 1;
-                    root_of.push(root_of[index]);
-                    *kind = crate::codec::KIND_HERE;
+                    stands.push((root, normal));
+                    *kind = KIND_HERE;
                 } else {
                     let (size, radius) = (child.end - child.start, radius_class(radius, of_root));
-                    self.coder.fields.below.push(crate::codec::Below { size, radius });
-                    *kind = crate::codec::KIND_BELOW;
+                    self.coder.fields.below.push(Below { size, radius });
+                    *kind = KIND_BELOW;
                 }
                 self.coder.fields.ids.push(id);
+                self.coder.fields.cones.push(class_for(cone, normal, is_inward));
             }
             self.sides.iter_mut().for_each(Vec::clear);
             for triangle in self.nodes.triangles(subtree.split)? {
@@ -251,31 +259,7 @@ impl<'a> Gatherer<'a> {
             fields.counts.push([self.sides[0].len() as u32, self.sides[1].len() as u32]);
             fields.starts.push(fields.corners.len() as u32);
             fields.corners.extend(self.sides.iter().flatten());
-            fields.normals.push(self.nodes.split(subtree.split)?.normal.to_word());
-        }
-        self.gather_cones(page)
-    }
-
-    /// Fills in the cones, for which the normals of all nodes have to be known.
-    fn gather_cones(&mut self, page: &Filled) -> Result<(), WriteError> {
-        use vdt::tree::Normal;
-        let PageCoder { nodes, fields, .. } = &mut self.coder;
-        let mut normals: Vec<[f32; 3]> = nodes.all[nodes.first..].iter().map(|node| node.normals[0]).collect();
-        let mut inward: Vec<bool> = nodes.all[nodes.first..].iter().map(|node| node.is_inward).collect();
-        for (index, subtree) in page.records.iter().enumerate() {
-            let at_born = Normal::from_word(fields.normals[index]).decode();
-            let kinds = [fields.kinds[index] / 3, fields.kinds[index] % 3];
-            for ((kind, child), normal) in
-                kinds.into_iter().zip(self.nodes.children(*subtree)?).zip([normals[index], at_born])
-            {
-                let Some(child) = child else { continue };
-                let cone = self.nodes.split(child.split)?.cone;
-                fields.cones.push(class_for(cone, normal, inward[index]));
-                if kind == crate::codec::KIND_HERE {
-                    normals.push(normal);
-                    inward.push(inward[index]);
-                }
-            }
+            fields.normals.push(normal.to_word());
         }
         Ok(())
     }
