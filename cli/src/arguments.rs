@@ -520,6 +520,20 @@ pub struct DecodeBenchOptions {
     pub runs: u32,
 }
 
+/// What all measurements have that build or fly.
+#[derive(Debug, Args)]
+pub struct SharedBenchOptions {
+    /// How many threads may work. [default: as many as the machine runs at once]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub threads: Option<u16>,
+    /// Folder for models and temporary files. [default: the system's for temporary files]
+    #[arg(long, value_name = "DIR")]
+    pub scratch: Option<PathBuf>,
+    /// Replace an existing picture.
+    #[arg(long)]
+    pub force: bool,
+}
+
 /// `vdt bench table1`
 #[derive(Debug, Args)]
 #[command(after_long_help = "Examples:\n  vdt bench table1 bunny.ply dragon.ply\n  \
@@ -531,9 +545,6 @@ pub struct Table1Options {
     /// RAM for what grows with a mesh.
     #[arg(long, default_value = "256M")]
     pub memory: ByteSize,
-    /// How many threads may work. [default: as many as the machine runs at once]
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
-    pub threads: Option<u16>,
     /// In which order edges are collapsed, as for build, with the B-tree of edges: passes, btree:redb or btree:sled.
     #[arg(long, default_value = "passes")]
     pub strategy: StrategyChoice,
@@ -546,15 +557,12 @@ pub struct Table1Options {
     /// How often each mesh is built; the run with the least CPU time counts.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub runs: u32,
-    /// Folder for models and temporary files. [default: the system's for temporary files]
-    #[arg(long, value_name = "DIR")]
-    pub scratch: Option<PathBuf>,
     /// Draw the CPU time for each triangle into this file.
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
-    /// Replace an existing picture.
-    #[arg(long)]
-    pub force: bool,
+    /// What all of these measurements have.
+    #[command(flatten)]
+    pub shared: SharedBenchOptions,
 }
 
 /// `vdt bench io`
@@ -575,18 +583,12 @@ pub struct IoBenchOptions {
     /// What the errors of the models are, as for build.
     #[arg(long, default_value_t, value_parser = one_of(&ErrorBound::ALL))]
     pub error_bound: ErrorBound,
-    /// How many threads may work. [default: as many as the machine runs at once]
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
-    pub threads: Option<u16>,
-    /// Folder for models and temporary files. [default: the system's for temporary files]
-    #[arg(long, value_name = "DIR")]
-    pub scratch: Option<PathBuf>,
     /// Draw the bytes against the memory into this file.
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
-    /// Replace an existing picture.
-    #[arg(long)]
-    pub force: bool,
+    /// What all of these measurements have.
+    #[command(flatten)]
+    pub shared: SharedBenchOptions,
 }
 
 /// `vdt bench error`
@@ -614,18 +616,12 @@ pub struct ErrorBenchOptions {
     /// RAM for what grows with the mesh and the model.
     #[arg(long, default_value = "1G")]
     pub memory: ByteSize,
-    /// How many threads may work. [default: as many as the machine runs at once]
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
-    pub threads: Option<u16>,
-    /// Folder for temporary files. [default: the system's for temporary files]
-    #[arg(long, value_name = "DIR")]
-    pub scratch: Option<PathBuf>,
     /// Draw the ratios of stated and measured errors into this file.
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
-    /// Replace an existing picture.
-    #[arg(long)]
-    pub force: bool,
+    /// What all of these measurements have.
+    #[command(flatten)]
+    pub shared: SharedBenchOptions,
 }
 
 /// `vdt bench blocking`
@@ -668,18 +664,12 @@ pub struct BlockingBenchOptions {
     /// RAM for building.
     #[arg(long, default_value = "256M")]
     pub build_memory: ByteSize,
-    /// How many threads may work on a build. [default: as many as the machine runs at once]
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
-    pub threads: Option<u16>,
-    /// Folder for models and temporary files. [default: the system's for temporary files]
-    #[arg(long, value_name = "DIR")]
-    pub scratch: Option<PathBuf>,
     /// Draw the bytes read in a frame against the size of the place holders into this file.
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
-    /// Replace an existing picture.
-    #[arg(long)]
-    pub force: bool,
+    /// What all of these measurements have.
+    #[command(flatten)]
+    pub shared: SharedBenchOptions,
 }
 
 /// What is measured unless something else is asked for.

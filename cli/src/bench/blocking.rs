@@ -93,8 +93,8 @@ impl Measured {
 
 pub fn run(options: &BlockingBenchOptions, json: bool) -> Result<()> {
     let inputs: Vec<&Path> = options.files.iter().map(AsRef::as_ref).collect();
-    check_files(&inputs, options.plot.as_deref(), options.force)?;
-    let workshop = Workshop::new(&workshop_parent(options.scratch.as_deref()))?;
+    check_files(&inputs, options.plot.as_deref(), options.shared.force)?;
+    let workshop = Workshop::new(&workshop_parent(options.shared.scratch.as_deref()))?;
     let progress = Progress::new("measuring");
     let mut subjects = Vec::new();
     for (number, file) in inputs.iter().enumerate() {
@@ -159,7 +159,7 @@ fn measure_mesh(
     let steps = (blockings.len() + 2) as f64;
     let build_options = BuildOptions {
         memory: options.build_memory,
-        threads: options.threads.map_or_else(available_threads, usize::from),
+        threads: options.shared.threads.map_or_else(available_threads, usize::from),
         metric: Metric::Quadric,
         strategy: Strategy::Passes,
         error_bound: ErrorBound::default(),

@@ -77,7 +77,7 @@ struct Measured {
 }
 
 pub fn run(options: &ErrorBenchOptions, json: bool) -> Result<()> {
-    check_files(&[&options.model, &options.mesh], options.plot.as_deref(), options.force)?;
+    check_files(&[&options.model, &options.mesh], options.plot.as_deref(), options.shared.force)?;
     refuse_a_model(&options.mesh)?;
     let measured = measure(options)?;
     if let Some(path) = &options.plot {
@@ -112,10 +112,10 @@ fn measure(options: &ErrorBenchOptions) -> Result<Measured> {
     if memory < SMALLEST_MEMORY {
         return Err(CompareError::Memory { needed: SMALLEST_MEMORY, memory }.into());
     }
-    let workshop = Workshop::new(&workshop_parent(options.scratch.as_deref()))?;
+    let workshop = Workshop::new(&workshop_parent(options.shared.scratch.as_deref()))?;
     let (scratch, _) = Scratch::open(Arc::new(LocalDisk), &workshop.folder().join("scratch"), "")?;
     let file = workshop.folder().join("cut.ply");
-    let threads = options.threads.map_or_else(available_threads, usize::from);
+    let threads = options.shared.threads.map_or_else(available_threads, usize::from);
     let progress = Progress::new("measuring");
 
     // The input holds three sixteenths of the memory, its boxes an eighth; a cut and its boxes less than that.

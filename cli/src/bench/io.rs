@@ -53,8 +53,8 @@ impl Point {
 }
 
 pub fn run(options: &IoBenchOptions, json: bool) -> Result<()> {
-    check_files(&[&options.mesh], options.plot.as_deref(), options.force)?;
-    let workshop = Workshop::new(&workshop_parent(options.scratch.as_deref()))?;
+    check_files(&[&options.mesh], options.plot.as_deref(), options.shared.force)?;
+    let workshop = Workshop::new(&workshop_parent(options.shared.scratch.as_deref()))?;
     let progress = Progress::new("building");
     let builds: Vec<(StrategyChoice, ByteSize)> = options
         .strategy
@@ -84,7 +84,7 @@ pub fn run(options: &IoBenchOptions, json: bool) -> Result<()> {
             "\nread, written, both: bytes for each triangle of the input, as the operating system counts them; so are CPU\n\
              time and peak RAM. Mesh: {}. Built with{} --error-bound {} on {}.",
             described(&options.mesh, &points),
-            options.threads.map_or(String::new(), |threads| format!(" --threads {threads}")),
+            options.shared.threads.map_or(String::new(), |threads| format!(" --threads {threads}")),
             options.error_bound,
             Machine::this().text(),
         )?;
@@ -100,7 +100,7 @@ fn build(workshop: &Workshop, bench: &IoBenchOptions, strategy: StrategyChoice, 
     let mut options = strategy.options();
     options.extend(build_options(&[
         ("--memory", Some(limit.0.to_string())),
-        ("--threads", bench.threads.map(|threads| threads.to_string())),
+        ("--threads", bench.shared.threads.map(|threads| threads.to_string())),
         ("--error-bound", Some(bench.error_bound.to_string())),
     ]));
     Ok(match workshop.build(&bench.mesh, &options)? {
@@ -163,7 +163,7 @@ fn to_json(options: &IoBenchOptions, points: &[Point]) -> Value {
         "machine": Machine::this().to_json(),
         "mesh": mesh_name(&options.mesh),
         "file": options.mesh.display().to_string(),
-        "threads": options.threads,
+        "threads": options.shared.threads,
         "error_bound": options.error_bound.to_string(),
         "rows": points.iter().map(point_json).collect::<Vec<_>>(),
     })

@@ -51,15 +51,15 @@ pub struct Built {
 
 pub fn run(options: &Table1Options, json: bool) -> Result<()> {
     let inputs: Vec<&Path> = options.meshes.iter().map(AsRef::as_ref).collect();
-    check_files(&inputs, options.plot.as_deref(), options.force)?;
+    check_files(&inputs, options.plot.as_deref(), options.shared.force)?;
     let mut all_options = options.strategy.options();
     all_options.extend(build_options(&[
         ("--memory", Some(options.memory.0.to_string())),
-        ("--threads", options.threads.map(|threads| threads.to_string())),
+        ("--threads", options.shared.threads.map(|threads| threads.to_string())),
         ("--metric", Some(options.metric.to_string())),
         ("--error-bound", Some(options.error_bound.to_string())),
     ]));
-    let workshop = Workshop::new(&workshop_parent(options.scratch.as_deref()))?;
+    let workshop = Workshop::new(&workshop_parent(options.shared.scratch.as_deref()))?;
     let progress = Progress::new("building");
     let mut rows = Vec::new();
     for (number, mesh) in inputs.iter().enumerate() {
@@ -163,7 +163,7 @@ fn cost_table(rows: &[Row]) -> Table {
 
 /// What the columns are, and how and on what they were measured.
 fn legend(options: &Table1Options) -> String {
-    let threads = options.threads.map_or(String::new(), |threads| format!(" --threads {threads}"));
+    let threads = options.shared.threads.map_or(String::new(), |threads| format!(" --threads {threads}"));
     let runs = if options.runs > 1 {
         format!(" Of {} runs, that with the least CPU time.", options.runs)
     } else {
@@ -188,7 +188,7 @@ fn to_json(options: &Table1Options, rows: &[Row]) -> Value {
     json!({
         "machine": Machine::this().to_json(),
         "memory_bytes": options.memory.0,
-        "threads": options.threads,
+        "threads": options.shared.threads,
         "strategy": options.strategy.to_string(),
         "metric": options.metric.to_string(),
         "error_bound": options.error_bound.to_string(),

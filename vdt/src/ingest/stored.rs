@@ -31,7 +31,7 @@ use super::seams::Tiling;
 use super::segments::{Segment, reach};
 use super::triangles::{Corners, Ordered, order};
 use super::vertices::VertexSpool;
-use super::weld::{Welded, weld};
+use super::weld::{LatticeRecord, VertexRecord, Welded, weld};
 use super::{CleaningCounts, FileCounts, IngestPlan, PositionsRule, StoredMesh};
 use crate::mesh::MeshError;
 use crate::tree::Positions;
@@ -101,6 +101,7 @@ pub(super) fn in_blocks(
     progress.phase(0.3);
     let triangles_ram = Chunk::ram(&triangles);
     let frame = &choice.frame;
+    let weld = if frame.is_on_lattice() { weld::<LatticeRecord> } else { weld::<VertexRecord> };
     let Welded { positions, ids, twins, ids_ram, welded, fallen, rounding, blocks } =
         weld(vertices, named, counts.vertices, frame, &single, &grid, scratch, limits, triangles_ram, progress)?;
     cleaning.welded_vertices += welded;

@@ -18,7 +18,7 @@ use super::vertices::VertexSpool;
 /// A vertex on its way into canonical order, which is the order of these fields.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
 #[repr(C)]
-struct VertexRecord {
+pub(super) struct VertexRecord {
     code: u64,
     position: [u32; 3],
     /// Its number in the files.
@@ -28,7 +28,7 @@ struct VertexRecord {
 /// The same where positions are rounded to a lattice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
 #[repr(C)]
-struct LatticeRecord {
+pub(super) struct LatticeRecord {
     code: u64,
     position: [u32; 3],
     /// What the position would be without the lattice, mixed into 64 bits; low and high half.
@@ -51,7 +51,7 @@ impl SortRecord for LatticeRecord {
 }
 
 /// What both are.
-trait Vertex: SortRecord {
+pub(super) trait Vertex: SortRecord {
     fn new(record: VertexRecord, unrounded: u64) -> Self;
     fn record(&self) -> VertexRecord;
     fn unrounded(&self) -> u64;
@@ -133,27 +133,10 @@ pub(super) struct Welded {
     pub blocks: Vec<u32>,
 }
 
-/// Sorts and welds the vertices that are marked. `single` is the frame that they would have without a lattice, `held_ram`
+/// Sorts and welds the vertices that are marked, as records of a kind. `single` is the frame that they would have without a lattice, `held_ram`
 /// are the bytes that other stores hold all the while.
 #[expect(clippy::too_many_arguments, reason = "the state of the pipeline, each part of it used up by one phase")]
-pub(super) fn weld(
-    vertices: VertexSpool,
-    named: Marks,
-    count: u64,
-    frame: &Frame,
-    single: &Frame,
-    grid: &Grid,
-    scratch: &Scratch,
-    limits: &Limits,
-    held_ram: usize,
-    progress: &mut Progress<'_>,
-) -> Result<Welded, StorageError> {
-    let with = if frame.is_on_lattice() { weld_as::<LatticeRecord> } else { weld_as::<VertexRecord> };
-    with(vertices, named, count, frame, single, grid, scratch, limits, held_ram, progress)
-}
-
-#[expect(clippy::too_many_arguments, reason = "as above")]
-fn weld_as<Record: Vertex>(
+pub(super) fn weld<Record: Vertex>(
     vertices: VertexSpool,
     named: Marks,
     count: u64,
