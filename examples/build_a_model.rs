@@ -25,6 +25,7 @@ fn main() -> Result<()> {
         error_bound: ErrorBound::default(),
         edge_tree: EdgeTreeKind::default(),
         positions: PositionsRule::default(),
+        attributes: true,
     };
     let (tree, report) = build(&LocalDisk, &[mesh], &options, &storage::Scratch::in_memory(), None, &mut |step| {
         eprint!("\r{:?} {:.0} %   ", step.phase, 100.0 * step.share);

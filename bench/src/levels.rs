@@ -27,7 +27,16 @@ pub fn build_model(mesh: &Path, strategy: Strategy) -> Result<Model> {
     let (metric, error_bound) = (Metric::Quadric, ErrorBound::default());
     let edge_tree = EdgeTreeKind::default();
     let positions = PositionsRule::LOSSLESS;
-    let options = BuildOptions { memory: MEMORY, threads: 1, metric, strategy, error_bound, edge_tree, positions };
+    let options = BuildOptions {
+        memory: MEMORY,
+        threads: 1,
+        metric,
+        strategy,
+        error_bound,
+        edge_tree,
+        positions,
+        attributes: false,
+    };
     let paths = [mesh.to_path_buf()];
     let (tree, report) = build(&LocalDisk, &paths, &options, &Scratch::in_memory(), None, &mut |_| ())?;
     let disk: Arc<dyn Disk> = Arc::new(MemoryDisk::new());

@@ -42,7 +42,7 @@ pub struct Arguments {
 pub enum Command {
     /// Make a terrain, build its model and fly through it in 16 MB: the whole way, in under a minute.
     Demo(DemoOptions),
-    /// Make a test mesh of any size, as PLY.
+    /// Make a test mesh of any size, as PLY, OBJ or binary glTF.
     Generate(GenerateOptions),
     /// Build a model from a mesh (PLY, OBJ, STL, OFF, glTF).
     Build(BuildOptions),
@@ -50,8 +50,10 @@ pub enum Command {
     Info(InfoOptions),
     /// Check every byte, link and invariant of a model.
     Verify(VerifyOptions),
-    /// Take a level of detail out of a model, as PLY.
+    /// Take a level of detail out of a model, as PLY, OBJ or binary glTF.
     Extract(ExtractOptions),
+    /// Write a mesh in another format, with its attributes, or a level of detail of it.
+    Convert(ConvertOptions),
     /// Fly along a camera path within a RAM budget, and report what every frame did.
     Navigate(NavigateOptions),
     /// Say how far two meshes are apart: mean, root mean square and largest distance, both ways.
@@ -96,7 +98,7 @@ pub struct GenerateOptions {
     /// Another seed gives another mesh of the same kind; the same one, the same bytes.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// Where to write it.
+    /// Where to write it: as OBJ where the name ends in .obj, binary glTF where it ends in .glb, else as PLY.
     #[arg(short, long)]
     pub output: PathBuf,
     /// Replace an existing file.
@@ -148,6 +150,9 @@ pub struct BuildOptions {
     /// more as fine edges need.
     #[arg(long, default_value_t, value_name = "auto|lossless|BITS")]
     pub positions: PositionsRule,
+    /// Leave out the normals, colours, texture coordinates and materials of the mesh files; the model is as if they had none.
+    #[arg(long)]
+    pub no_attributes: bool,
     /// How the tree is cut into meta-nodes: forest:SLOT,CHILDREN fills slots of SLOT bytes, each with at most CHILDREN
     /// child meta-nodes; levels:L gives each meta-node L levels of one binary tree, as the paper does.
     #[arg(long, default_value_t, value_parser = blocking)]
@@ -302,8 +307,8 @@ pub struct ExtractOptions {
     /// The model.
     #[arg(value_name = "MODEL.vdt")]
     pub model: PathBuf,
-    /// Where to write the mesh (PLY).
-    #[arg(short, long, value_name = "MESH.ply")]
+    /// Where to write the mesh; its extension says the format: .ply, .obj or .glb.
+    #[arg(short, long, value_name = "MESH")]
     pub output: PathBuf,
     #[command(flatten)]
     pub cut: CutOptions,
@@ -332,6 +337,49 @@ impl ExtractOptions {
             Arguments::command().error(ErrorKind::MissingRequiredArgument, message).exit();
         }
     }
+}
+
+/// `vdt convert`
+#[derive(Debug, Args)]
+#[command(
+    after_long_help = "Without a level of detail all triangles with three different corners are written, each once, at \
+                       their positions in single precision (relative to an origin of the mesh's own where that asks for \
+                       it), with normals, colours, texture coordinates, materials and images. With one, a model is built \
+                       first, as by `vdt build --positions lossless`, and removed afterwards; for several levels build it \
+                       once and use `vdt extract`.\n\n\
+                       Examples:\n  vdt convert scan.obj scan.glb\n  \
+                       vdt convert part1.stl part2.stl both.ply\n  \
+                       vdt convert scan.glb small.glb --triangles 20000\n  \
+                       vdt convert scan.ply coarse.obj --error 0.1% --memory 1G"
+)]
+pub struct ConvertOptions {
+    /// Mesh files, of any format that can be read; several are taken as one mesh.
+    #[arg(required = true, value_name = "MESH")]
+    pub meshes: Vec<PathBuf>,
+    /// Where to write the mesh; its extension says the format: .ply, .obj or .glb.
+    #[arg(value_name = "OUT")]
+    pub output: PathBuf,
+    /// Write the same detail everywhere, with at most this error. In mesh units, or with % of the diagonal.
+    #[arg(long)]
+    pub error: Option<ErrorArgument>,
+    /// Write the same detail everywhere: the finest with at most so many triangles.
+    #[arg(long, conflicts_with = "error")]
+    pub triangles: Option<u64>,
+    /// RAM for what grows with the mesh; what does not fit goes to the scratch. The result does not depend on it.
+    #[arg(long, default_value = "256M")]
+    pub memory: ByteSize,
+    /// How many threads may work. The result does not depend on it. [default: as many as the machine runs at once]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub threads: Option<u16>,
+    /// Folder for temporary files. [default: beside the output]
+    #[arg(long, value_name = "DIR")]
+    pub scratch: Option<PathBuf>,
+    /// Leave out normals, colours, texture coordinates and materials.
+    #[arg(long)]
+    pub no_attributes: bool,
+    /// Replace an existing file, and what lies beside it: images, a library of materials.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// Which level of detail.
@@ -470,6 +518,10 @@ pub struct CompareOptions {
     /// Measure only from the first mesh to the second.
     #[arg(long)]
     pub one_sided: bool,
+    /// Do not compare colours. Else that is done where both meshes have any: of vertices, faces, textures (PNG, JPEG) or
+    /// materials.
+    #[arg(long)]
+    pub no_colours: bool,
     /// Folder for temporary files. [default: the system's for temporary files]
     #[arg(long, value_name = "DIR")]
     pub scratch: Option<PathBuf>,

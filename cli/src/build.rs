@@ -4,19 +4,21 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Instant, UNIX_EPOCH};
 
-use anyhow::{Context, Result, bail};
-use metanode::header::Strategy;
+use anyhow::{Context, Result, anyhow, bail};
+use metanode::header::{Blocking, Strategy};
 use metanode::{ModelOptions, ModelSummary, WriteResources, write_model};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use storage::{ByteSize, CountingDisk, Disk, LocalDisk, Scratch};
-use vdt::build::{BuildOptions, BuildReport, Estimate, Phase, PhaseWatch, Step, build, estimate};
-use vdt::ingest::{self, CleaningCounts, PositionsRule};
-use vdt::tree::Positions;
+use vdt::build::{BuildError, BuildOptions, BuildReport, Estimate, Phase, PhaseWatch, Step, build, estimate};
+use vdt::ingest::{self, PositionsRule};
+use vdt::mesh::MeshError;
+use vdt::tree::{AttributeKinds, Positions};
 
 use crate::arguments;
 use crate::output::{Report, counted, grouped, input_error, may_write, positions};
 use crate::progress::Progress;
+use crate::warnings;
 
 /// Bytes of a model for each vertex, with positions of 16 bits or on a lattice of the mesh's own; measured: 5.3 to 7.4.
 const MODEL_BYTES_PER_VERTEX: u64 = 7;
@@ -32,6 +34,7 @@ pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
         error_bound: options.error_bound,
         edge_tree: options.edge_tree,
         positions: options.positions,
+        attributes: !options.no_attributes,
     };
     let Some(output) = options.output.as_deref().filter(|_| !options.dry_run) else {
         return dry_run(&options, &build_options, json);
@@ -42,29 +45,14 @@ pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
     let start = Instant::now();
     let disk = CountingDisk::new(Arc::new(LocalDisk));
     let folder = scratch_folder(options.scratch.as_deref(), output)?;
-    let fingerprint = fingerprint(&options, &build_options)?;
+    let fingerprint = fingerprint(&options.meshes, &build_options)?;
     let (scratch, resumed) = Scratch::open(Arc::new(disk.clone()), &folder, &fingerprint)?;
     let is_resumed = resumed.is_some();
-    if build_options.threads > 1 {
-        scratch.overlap();
-    }
     let progress = BuildProgress::new();
-    let (tree, report) =
-        build(&disk, &options.meshes, &build_options, &scratch, resumed, &mut |step| progress.show(step))?;
-    let watch = PhaseWatch::start();
-    let BuildOptions { metric, strategy, error_bound, .. } = build_options;
-    let (blocking, input_error, positions) = (options.blocking, report.input_error, report.positions);
-    let model_options = ModelOptions { blocking, metric, strategy, error_bound, input_error, positions };
-    let (vertices, triangles, roots) = (tree.leaf_count(), tree.triangles.len(), tree.roots.len() as u64);
-    let resources = WriteResources { scratch: scratch.clone(), memory: options.memory, threads: build_options.threads };
-    let model = write_model(Arc::new(disk.clone()), output, &tree, &model_options, &resources, &mut |share| {
-        progress.show(Step { phase: Phase::Writing, share, triangles });
-    })?;
-    drop(resources);
-    drop(tree);
-    scratch.discard_checkpoint()?;
-    let mut report = report;
-    report.phases.push(watch.cost(Phase::Writing));
+    let mut show = |step| progress.show(step);
+    let way = Way { options: &build_options, blocking: options.blocking, scratch: &scratch, progress: &mut show };
+    let Built { vertices, triangles, roots, report, model } =
+        build_model(Arc::new(disk.clone()), &options.meshes, output, resumed, way)?;
     let scratch_peak_bytes = scratch.peak_bytes_on_disk();
     drop(scratch);
     let (bytes_read, bytes_written) = (disk.bytes_read(), disk.bytes_written());
@@ -90,6 +78,67 @@ pub fn run(options: arguments::BuildOptions, json: bool) -> Result<()> {
         digest,
     };
     done.print(output, options.memory, json)
+}
+
+/// A model that was built.
+pub struct Built {
+    vertices: u64,
+    triangles: u64,
+    roots: u64,
+    /// What happened.
+    pub report: BuildReport,
+    model: ModelSummary,
+}
+
+/// How a model is built.
+pub struct Way<'a> {
+    /// All that decides the tree.
+    pub options: &'a BuildOptions,
+    /// How the tree is cut into meta-nodes.
+    pub blocking: Blocking,
+    /// Where what does not fit goes, and checkpoints.
+    pub scratch: &'a Scratch,
+    /// Is told how far it is.
+    pub progress: &'a mut (dyn FnMut(Step) + Send),
+}
+
+/// What is wrong with attributes does not keep anybody from the mesh: says how to do without.
+fn advised(error: BuildError) -> anyhow::Error {
+    match error {
+        BuildError::Mesh(MeshError::AttributeNotFinite { .. } | MeshError::AttributeOutOfRange { .. }) => {
+            anyhow!("{error}; run again with --no-attributes to leave all attributes out")
+        }
+        error => error.into(),
+    }
+}
+
+/// Builds the model of mesh files and writes it to `output`; from the checkpoint of an earlier run on, where there is one.
+pub fn build_model(
+    disk: Arc<dyn Disk>,
+    meshes: &[PathBuf],
+    output: &Path,
+    resumed: Option<Value>,
+    way: Way<'_>,
+) -> Result<Built> {
+    let Way { options, blocking, scratch, progress } = way;
+    if options.threads > 1 {
+        scratch.overlap();
+    }
+    let (tree, mut report) = build(disk.as_ref(), meshes, options, scratch, resumed, progress).map_err(advised)?;
+    let watch = PhaseWatch::start();
+    let BuildOptions { metric, strategy, error_bound, memory, threads, .. } = *options;
+    let (input_error, positions) = (report.input_error, report.positions);
+    let model_options = ModelOptions { blocking, metric, strategy, error_bound, input_error, positions };
+    let (vertices, triangles, roots) = (tree.leaf_count(), tree.triangles.len(), tree.roots.len() as u64);
+    let resources = WriteResources { scratch: scratch.clone(), memory, threads };
+    let model = write_model(disk, output, &tree, &model_options, &resources, &mut |share| {
+        progress(Step { phase: Phase::Writing, share, triangles });
+    })?;
+    drop(resources);
+    drop(tree);
+    scratch.discard_checkpoint()?;
+    report.phases.push(watch.cost(Phase::Writing));
+    Ok(Built { vertices, triangles, roots, report, model })
 }
 
 /// Everything that a build has to tell.
@@ -127,9 +176,8 @@ impl Done {
                 counted(self.roots, "component", "components"),
             ),
         );
-        for (_, count, message) in warnings(&build.cleaning) {
-            report.line("note", format!("{} {message}", grouped(count)));
-        }
+        warnings::tell(&mut report, &build.cleaning, &build.missing_files);
+        report.line("attributes", build.attributes);
         report.line("positions", positions(build.positions, build.lattice_step));
         if build.input_error > 0.0 {
             report.line("input error", input_error(build.input_error, build.positions));
@@ -204,7 +252,8 @@ impl Done {
             "positions": build.positions.to_string(),
             "lattice_step": build.lattice_step,
             "input_error": build.input_error,
-            "warnings": warnings_json(&build.cleaning),
+            "attributes": attributes_json(build.attributes),
+            "warnings": warnings::to_json(&build.cleaning, &build.missing_files),
             "seconds": self.seconds,
             "cpu_seconds": self.cpu_seconds,
             "simplify_cpu_seconds": simplifying.map(|cost| cost.cpu_seconds),
@@ -254,38 +303,11 @@ impl Done {
     }
 }
 
-/// What was changed on the way in: a name for programs, how often, and a sentence for people that begins with the number.
-fn warnings(cleaning: &CleaningCounts) -> Vec<(&'static str, u64, &'static str)> {
-    let CleaningCounts {
-        welded_vertices,
-        fallen_vertices,
-        isolated_vertices,
-        degenerate_triangles,
-        duplicate_triangles,
-        degenerate_faces,
-        polygons,
-        skipped_elements,
-    } = *cleaning;
-    [
-        ("welded_vertices", welded_vertices, "vertices had the position of another one and were welded to it"),
-        ("fallen_vertices", fallen_vertices, "vertices fell together with others on the lattice of the positions"),
-        ("isolated_vertices", isolated_vertices, "vertices that no triangle uses were left out"),
-        ("degenerate_triangles", degenerate_triangles, "triangles with two corners at one position were left out"),
-        ("duplicate_triangles", duplicate_triangles, "triangles were there before and were left out"),
-        ("degenerate_faces", degenerate_faces, "faces of fewer than three corners were left out"),
-        ("polygons", polygons, "polygons were cut into triangles"),
-        ("skipped_elements", skipped_elements, "points, lines or curves are no part of a surface and were left out"),
-    ]
-    .into_iter()
-    .filter(|(_, count, _)| *count > 0)
-    .collect()
-}
-
-fn warnings_json(cleaning: &CleaningCounts) -> Vec<Value> {
-    warnings(cleaning)
-        .into_iter()
-        .map(|(kind, count, message)| json!({ "kind": kind, "count": count, "message": message }))
-        .collect()
+/// The names of the attributes that were kept, for programs.
+fn attributes_json(kinds: AttributeKinds) -> Vec<&'static str> {
+    let AttributeKinds { normals, colours, textures, materials } = kinds;
+    let all = [(normals, "normals"), (colours, "colours"), (textures, "texture_coordinates"), (materials, "materials")];
+    all.into_iter().filter(|(is_there, _)| *is_there).map(|(_, name)| name).collect()
 }
 
 /// The name of a phase for programs.
@@ -299,12 +321,12 @@ fn name_of(phase: Phase) -> &'static str {
 }
 
 /// How many threads this machine runs at once.
-fn available_threads() -> usize {
+pub fn available_threads() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
 /// Where the scratch of this output is: a hidden folder beside it, or one of its own in the folder asked for.
-fn scratch_folder(asked_for: Option<&Path>, output: &Path) -> Result<PathBuf> {
+pub fn scratch_folder(asked_for: Option<&Path>, output: &Path) -> Result<PathBuf> {
     let name = output.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let Some(folder) = asked_for else { return Ok(output.with_file_name(format!(".{name}.scratch"))) };
     if !folder.is_dir() {
@@ -318,9 +340,9 @@ fn scratch_folder(asked_for: Option<&Path>, output: &Path) -> Result<PathBuf> {
 }
 
 /// What a checkpoint depends on: the files, as far as their size and time tell, and the options.
-fn fingerprint(options: &arguments::BuildOptions, build: &BuildOptions) -> Result<String> {
+pub fn fingerprint(meshes: &[PathBuf], build: &BuildOptions) -> Result<String> {
     let mut text = format!(
-        "vdt {} memory {} threads {} metric {} strategy {} {} error bound {} positions {}",
+        "vdt {} memory {} threads {} metric {} strategy {} {} error bound {} positions {} attributes {}",
         env!("CARGO_PKG_VERSION"),
         build.memory.0,
         build.threads,
@@ -328,9 +350,10 @@ fn fingerprint(options: &arguments::BuildOptions, build: &BuildOptions) -> Resul
         build.strategy,
         build.edge_tree,
         build.error_bound,
-        build.positions
+        build.positions,
+        build.attributes
     );
-    for mesh in &options.meshes {
+    for mesh in meshes {
         let path = std::path::absolute(mesh).with_context(|| format!("{}: where is that?", mesh.display()))?;
         // A file that cannot be read is the reader's to complain of.
         if let Ok(metadata) = std::fs::metadata(mesh) {
@@ -354,18 +377,20 @@ fn share_of(phase: Phase) -> (f64, f64) {
 
 /// A bar over the whole build, with the rate of the phase that goes on.
 #[derive(Debug)]
-struct BuildProgress {
+pub struct BuildProgress {
     bar: Progress,
     /// The phase, and since when it goes on.
     phase: Mutex<(Phase, Instant)>,
 }
 
 impl BuildProgress {
-    fn new() -> Self {
+    /// Begins a bar.
+    pub fn new() -> Self {
         BuildProgress { bar: Progress::new("reading"), phase: Mutex::new((Phase::Reading, Instant::now())) }
     }
 
-    fn show(&self, Step { phase, share, triangles }: Step) {
+    /// Shows how far the build is.
+    pub fn show(&self, Step { phase, share, triangles }: Step) {
         let mut at = self.phase.lock().unwrap_or_else(PoisonError::into_inner);
         if at.0 != phase {
             *at = (phase, Instant::now());
@@ -390,9 +415,10 @@ impl BuildProgress {
 
 fn dry_run(options: &arguments::BuildOptions, build_options: &BuildOptions, json: bool) -> Result<()> {
     let progress = Progress::waiting("counting");
-    let counts = ingest::count(&LocalDisk, &options.meshes)?;
+    let (counts, kinds) =
+        ingest::count(&LocalDisk, &options.meshes, build_options.attributes).map_err(|error| advised(error.into()))?;
     drop(progress);
-    let Estimate { peak_bytes, smallest_memory, scratch_bytes, cpu_seconds } = estimate(counts, build_options);
+    let Estimate { peak_bytes, smallest_memory, scratch_bytes, cpu_seconds } = estimate(counts, kinds, build_options);
     let fits = smallest_memory <= options.memory;
     let per_vertex = match build_options.positions {
         PositionsRule::Fixed(Positions::Lossless) => LOSSLESS_MODEL_BYTES_PER_VERTEX,

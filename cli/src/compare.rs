@@ -32,6 +32,7 @@ pub fn run(options: &CompareOptions, json: bool) -> Result<()> {
         memory: options.memory,
         threads: options.threads.map_or_else(available_threads, usize::from),
         is_one_sided: options.one_sided,
+        with_colours: !options.no_colours,
     };
     let found = compare(&LocalDisk, paths, &compare_options, &scratch, &mut |share| progress.show(share))?;
     drop(progress);
@@ -77,7 +78,7 @@ struct Costs {
 }
 
 fn report(options: &CompareOptions, found: &Comparison, costs: &Costs) -> Report {
-    let Comparison { a_to_b, b_to_a, diagonal, triangles } = found;
+    let Comparison { a_to_b, b_to_a, diagonal, triangles, .. } = found;
     let mut report = Report::default();
     for (name, path, triangles) in [("A", &options.mesh_a, triangles[0]), ("B", &options.mesh_b, triangles[1])] {
         report.line(name, format!("{}: {}", path.display(), counted(triangles, "triangle", "triangles")));
@@ -101,6 +102,19 @@ fn report(options: &CompareOptions, found: &Comparison, costs: &Costs) -> Report
     for (name, _) in directions.iter().filter(|(_, side)| side.is_some_and(|side| !side.is_max_settled)) {
         report.line("note", format!("{name}: the search for the max ended early; look at what it is at most"));
     }
+    let mut table = Table::new(&["", "mean", "rms", "max"]);
+    for (name, colours) in directions.into_iter().filter_map(|(name, side)| Some((name, side?.colours?))) {
+        let values = [colours.mean, colours.rms, colours.max].map(|share| format!("{:.4} %", 100.0 * share));
+        table.line(std::iter::once(name.into()).chain(values).collect());
+    }
+    if a_to_b.colours.is_some() {
+        for (number, line) in table.text().lines().enumerate() {
+            report.line(if number == 0 { "colours" } else { "" }, line);
+        }
+    }
+    for note in colour_notes(found) {
+        report.line("note", note);
+    }
     if let Some(hausdorff) = found.hausdorff() {
         report.line("Hausdorff", format!("{}, {} of the diagonal", length(hausdorff), percent(hausdorff)));
     }
@@ -111,6 +125,17 @@ fn report(options: &CompareOptions, found: &Comparison, costs: &Costs) -> Report
         report.line("peak RAM", format!("{} of {} allowed", ByteSize(peak), options.memory));
     }
     report
+}
+
+/// What there is to say of colours that could not be compared.
+fn colour_notes(found: &Comparison) -> Vec<String> {
+    let only = match found.have_colours {
+        [true, false] => Some("A"),
+        [false, true] => Some("B"),
+        _ => None,
+    };
+    let only = only.map(|name| format!("only {name} has colours: they are not compared"));
+    only.into_iter().chain(found.colour_notes.iter().cloned()).collect()
 }
 
 fn to_json(options: &CompareOptions, found: &Comparison, costs: &Costs) -> Value {
@@ -132,6 +157,15 @@ fn to_json(options: &CompareOptions, found: &Comparison, costs: &Costs) -> Value
         document[format!("{name}_max_at")] = json!(side.map(|side| side.max_at));
         document[format!("{name}_max_at_most")] = json!(side.map(|side| side.max_at_most));
         document[format!("{name}_max_settled")] = json!(side.map(|side| side.is_max_settled));
+        if let Some(colours) = side.and_then(|side| side.colours) {
+            document[format!("{name}_colour_mean")] = json!(colours.mean);
+            document[format!("{name}_colour_rms")] = json!(colours.rms);
+            document[format!("{name}_colour_max")] = json!(colours.max);
+        }
+    }
+    let notes = colour_notes(found);
+    if !notes.is_empty() {
+        document["colour_notes"] = json!(notes);
     }
     document
 }

@@ -1,17 +1,21 @@
 //! `vdt extract`: a level of detail of a model, as a mesh file.
 
+use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
+use metanode::header::Header;
 use metanode::model::Model;
-use metanode::{Statement, UniformCut, error_for_triangles};
+use metanode::{CutWedges, DrawnMesh, Statement, UniformCut, error_for_triangles};
 use navigator::{Camera, Dependency, Io, Navigator, NavigatorOptions};
-use serde_json::json;
-use storage::{ByteSize, LocalDisk};
+use serde_json::{Value, json};
+use storage::{ByteSize, LocalDisk, StorageError};
 use vdt::mesh::MeshError;
-use vdt::mesh::ply_writer::{CoordinateType, PlyLayout, PlyWriter};
+use vdt::mesh::writer::{CoordinateType, LayoutAttributes, MeshLayout, MeshWriter, OutputFormat, WrittenMesh};
 
-use crate::arguments::{CameraArgument, ExtractOptions, PictureSize};
+use vdt::tree::Image;
+
+use crate::arguments::{CameraArgument, ErrorArgument, ExtractOptions, PictureSize};
 use crate::output::{Report, counted, may_write};
 use crate::progress::Progress;
 use crate::statement;
@@ -24,50 +28,97 @@ const DEFAULT_MEMORY: ByteSize = ByteSize(256 << 20);
 const MOST_FRAMES: u64 = 10_000;
 
 /// What was written.
-struct Extracted {
+pub struct Extracted {
     vertices: u64,
     triangles: u64,
-    bytes: u64,
+    files: WrittenMesh,
     said: Statement,
     /// Something that the user should know.
     note: Option<String>,
 }
 
+/// The file in which a level of detail is written.
+#[derive(Debug, Clone, Copy)]
+pub struct Target<'a> {
+    pub path: &'a Path,
+    pub format: OutputFormat,
+    /// Whether files beside it that have other content may be replaced.
+    pub may_replace: bool,
+    /// The command that writes it.
+    pub command: &'static str,
+}
+
 pub fn run(options: ExtractOptions, json: bool) -> Result<()> {
     options.check();
     may_write(&LocalDisk, &options.output, options.force, &[&options.model])?;
-    if options.output.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("ply")) {
-        bail!("{}: meshes are written as PLY; give a name that ends in .ply", options.output.display());
-    }
+    let target = Target {
+        path: &options.output,
+        format: format_of(&options.output)?,
+        may_replace: options.force,
+        command: "extract",
+    };
     let model = Arc::new(Model::open(&LocalDisk, &options.model)?);
     let progress = Progress::new("extracting");
-    let extracted = match (options.cut.error, options.cut.triangles, options.cut.camera) {
-        (Some(error), _, _) => uniform(&model, &options, not_above(error.in_units(model.header().diagonal())))?,
-        (_, Some(triangles), _) => uniform(&model, &options, error_for_triangles(&model, triangles)?)?,
-        (_, _, Some(camera)) => seen(model.clone(), &options, camera)?,
+    let extracted = match (level(&model, options.cut.error, options.cut.triangles)?, options.cut.camera) {
+        (Some(error), _) => uniform(&model, target, error)?,
+        (None, Some(camera)) => seen(model.clone(), &options, target, camera)?,
         // clap asks for exactly one of the three.
-        _ => bail!("say which level of detail: --error, --triangles or --camera"),
+        (None, None) => bail!("say which level of detail: --error, --triangles or --camera"),
     };
     drop(progress);
-
-    let mut report = Report::default();
-    report.line("mesh", options.output.display());
-    report.line("triangles", counted(extracted.triangles, "triangle", "triangles"));
-    report.line("vertices", counted(extracted.vertices, "vertex", "vertices"));
-    statement::tell(&mut report, &extracted.said, model.header());
-    report.line("size", ByteSize(extracted.bytes));
-    if let Some(note) = &extracted.note {
-        report.line("note", note);
-    }
-    let mut document = json!({
-        "triangles": extracted.triangles,
-        "vertices": extracted.vertices,
-        "bytes": extracted.bytes,
-        "note": extracted.note,
-        "peak_rss_bytes": storage::usage::peak_resident_bytes(),
-    });
-    statement::add_to(&mut document, &extracted.said, model.header());
+    let (report, document) = extracted.told(&options.output, model.header());
     report.print(json, &document)
+}
+
+/// The format that the extension of an output asks for.
+pub fn format_of(path: &Path) -> Result<OutputFormat> {
+    OutputFormat::of(path).with_context(|| format!("{}: {}", path.display(), OutputFormat::EXTENSIONS))
+}
+
+/// The error of the uniform cut that is asked for, if one is.
+pub fn level(model: &Model, error: Option<ErrorArgument>, triangles: Option<u64>) -> Result<Option<f32>> {
+    Ok(match (error, triangles) {
+        (Some(error), _) => Some(not_above(error.in_units(model.header().diagonal()))),
+        (None, Some(triangles)) => Some(error_for_triangles(model, triangles)?),
+        (None, None) => None,
+    })
+}
+
+impl Extracted {
+    /// What there is to tell of it, for people and for programs.
+    pub fn told(&self, output: &Path, header: &Header) -> (Report, Value) {
+        let mut report = Report::default();
+        report.line("mesh", output.display());
+        report.line("triangles", counted(self.triangles, "triangle", "triangles"));
+        report.line("vertices", counted(self.vertices, "vertex", "vertices"));
+        statement::tell(&mut report, &self.said, header);
+        tell_files(&mut report, &self.files);
+        if let Some(note) = &self.note {
+            report.line("note", note);
+        }
+        let mut document = json!({
+            "triangles": self.triangles,
+            "vertices": self.vertices,
+            "bytes": self.files.bytes,
+            "beside": self.files.beside,
+            "left_out": self.files.left_out,
+            "note": self.note,
+            "peak_rss_bytes": storage::usage::peak_resident_bytes(),
+        });
+        statement::add_to(&mut document, &self.said, header);
+        (report, document)
+    }
+}
+
+/// Tells which files were written.
+pub fn tell_files(report: &mut Report, files: &WrittenMesh) {
+    report.line("size", ByteSize(files.bytes));
+    for (number, path) in files.beside.iter().enumerate() {
+        report.line(if number == 0 { "beside it" } else { "" }, path.display());
+    }
+    for phrase in &files.left_out {
+        report.line("left out", phrase);
+    }
 }
 
 /// The largest f32 that is not above `error`.
@@ -89,11 +140,15 @@ fn is_single(position: [f64; 3]) -> bool {
     position.iter().all(|value| f64::from(*value as f32) == *value)
 }
 
-fn layout(vertices: u64, triangles: u64, single: bool, comment: String) -> PlyLayout {
-    PlyLayout { vertices, triangles, coordinates: coordinate_type(single), comments: vec![comment] }
+/// What is written of a model.
+fn layout(vertices: u64, triangles: u64, single: bool, origin: [f64; 3], comment: String) -> MeshLayout {
+    let coordinates = coordinate_type(single);
+    MeshLayout { vertices, triangles, coordinates, origin, comments: vec![comment], attributes: None }
 }
 
-fn uniform(model: &Model, options: &ExtractOptions, error: f32) -> Result<Extracted> {
+/// Writes the cut with the same error everywhere.
+pub fn uniform(model: &Model, target: Target<'_>, error: f32) -> Result<Extracted> {
+    let Target { path, format, may_replace, command } = target;
     let cut = UniformCut::new(model, error)?;
     let origin = model.header().origin;
     let mut single = true;
@@ -103,22 +158,45 @@ fn uniform(model: &Model, options: &ExtractOptions, error: f32) -> Result<Extrac
             Ok(())
         })?;
     }
-    let comment = format!("vdt extract: uniform cut, error {error}");
-    let layout = layout(cut.vertex_count(), cut.triangle_count(), single, comment);
-    let mut writer = PlyWriter::create(Arc::new(LocalDisk), &options.output, layout)?;
-    cut.for_each_vertex(|position| -> Result<()> { Ok(writer.vertex(with_origin(position, origin))?) })?;
-    cut.for_each_triangle(|corners| -> Result<()> { Ok(writer.triangle(corners)?) })?;
+    let comment = format!("vdt {command}: uniform cut, error {error}");
+    let layout = layout(cut.vertex_count(), cut.triangle_count(), single, origin, comment);
+    let disk = Arc::new(LocalDisk);
+    let (files, vertices) = match (model.appearance(), CutWedges::of(&cut)?) {
+        (Some(found), Some(wedges)) => {
+            let attributes =
+                LayoutAttributes { appearance: found.appearance.clone(), has_alpha: wedges.has_alpha(), may_replace };
+            let vertices = wedges.vertex_count();
+            let layout = MeshLayout { vertices, attributes: Some(attributes), ..layout };
+            let mut images = |number: usize, _: &Image| image_bytes(model, number);
+            let mut writer = MeshWriter::create_with_images(disk, path, format, layout, &mut images)?;
+            wedges.for_each_vertex(|position, wedge| -> Result<()> {
+                Ok(writer.vertex(with_origin(position, origin), Some(wedge))?)
+            })?;
+            wedges.for_each_triangle(|corners, material| -> Result<()> { Ok(writer.triangle(corners, material)?) })?;
+            (writer.finish()?, vertices)
+        }
+        _ => {
+            let mut writer = MeshWriter::create(disk, path, format, layout)?;
+            cut.for_each_vertex(|position| -> Result<()> { Ok(writer.vertex(with_origin(position, origin), None)?) })?;
+            cut.for_each_triangle(|corners| -> Result<()> { Ok(writer.triangle(corners, MeshWriter::NO_MATERIAL)?) })?;
+            (writer.finish()?, cut.vertex_count())
+        }
+    };
     let said = cut.statement()?;
-    Ok(Extracted {
-        vertices: cut.vertex_count(),
-        triangles: cut.triangle_count(),
-        bytes: writer.finish()?,
-        said,
-        note: None,
-    })
+    Ok(Extracted { vertices, triangles: cut.triangle_count(), files, said, note: None })
 }
 
-fn seen(model: Arc<Model>, options: &ExtractOptions, camera: CameraArgument) -> Result<Extracted> {
+/// The bytes of an image of a model, if it is there.
+fn image_bytes(model: &Model, number: usize) -> Result<Option<Vec<u8>>, MeshError> {
+    let mut bytes = Vec::new();
+    let is_there = model.image(number, |chunk| -> Result<(), StorageError> {
+        bytes.extend_from_slice(chunk);
+        Ok(())
+    })?;
+    Ok(is_there.then_some(bytes))
+}
+
+fn seen(model: Arc<Model>, options: &ExtractOptions, target: Target<'_>, camera: CameraArgument) -> Result<Extracted> {
     let origin = model.header().origin;
     let (pixels, size) = (options.pixels.unwrap_or(1.0), options.size.unwrap_or(PictureSize::FULL_HD));
     let camera = Camera::looking_at(camera.eye.into(), camera.target.into(), FIELD_OF_VIEW);
@@ -131,36 +209,32 @@ fn seen(model: Arc<Model>, options: &ExtractOptions, camera: CameraArgument) -> 
         io: Io::Sync,
         ..NavigatorOptions::default()
     };
-    let mut navigator = Navigator::open(model, navigator_options)?;
+    let mut navigator = Navigator::open(model.clone(), navigator_options)?;
     let frame = navigator.run_until_settled(&camera, MOST_FRAMES)?;
 
-    // Vertices in the order in which the triangles name them; those that none names are left out.
-    let mut number = vec![u64::MAX; navigator.node_bound() as usize];
-    let mut vertices: Vec<[f64; 3]> = Vec::with_capacity(navigator.active_count());
-    for triangle in navigator.triangles() {
-        for (node, position) in triangle.nodes.into_iter().zip(triangle.positions) {
-            if number[node as usize] == u64::MAX {
-                number[node as usize] = vertices.len() as u64;
-                vertices.push(with_origin(position, origin));
-            }
-        }
-    }
-    let single = vertices.iter().all(|position| is_single(*position));
-    let triangles = navigator.triangle_count() as u64;
-    let comment = format!("vdt extract: {pixels} pixels from camera {camera}");
-    let layout = layout(vertices.len() as u64, triangles, single, comment);
-    let mut writer = PlyWriter::create(Arc::new(LocalDisk), &options.output, layout)?;
-    vertices.iter().try_for_each(|position| writer.vertex(*position))?;
-    navigator.triangles().try_for_each(|triangle| -> Result<(), MeshError> {
-        writer.triangle(triangle.nodes.map(|node| number[node as usize]))
-    })?;
+    let comment = format!("vdt {}: {pixels} pixels from camera {camera}", target.command);
+    let (splits, pages) = navigator.applied_splits().map(|split| (split.born_leaf, split.page)).unzip();
+    let said = navigator.statement();
+    // Its memory is now that of the mesh.
+    drop(navigator);
+    let mesh = DrawnMesh::of(&model, splits, pages)?;
+    let single = mesh.vertices.iter().all(|(position, _)| is_single(with_origin(*position, origin)));
+    let (vertices, triangles) = (mesh.vertices.len() as u64, mesh.triangles.len() as u64);
+    let attributes = model.appearance().map(|found| LayoutAttributes {
+        appearance: found.appearance.clone(),
+        has_alpha: mesh.vertices.iter().any(|(_, wedge)| wedge.colour[3] < u8::MAX),
+        may_replace: target.may_replace,
+    });
+    let layout = MeshLayout { attributes, ..layout(vertices, triangles, single, origin, comment) };
+    let mut images = |number: usize, _: &Image| image_bytes(&model, number);
+    let mut writer =
+        MeshWriter::create_with_images(Arc::new(LocalDisk), target.path, target.format, layout, &mut images)?;
+    mesh.vertices
+        .iter()
+        .try_for_each(|(position, wedge)| writer.vertex(with_origin(*position, origin), Some(wedge)))?;
+    let numbers = |corners: [u32; 3]| corners.map(u64::from);
+    mesh.triangles.iter().try_for_each(|(corners, material)| writer.triangle(numbers(*corners), *material))?;
     let note = (frame.threshold_factor > 1.0)
         .then(|| format!("the memory did not allow {pixels} pixels, but {:.1}", pixels * frame.threshold_factor));
-    Ok(Extracted {
-        vertices: vertices.len() as u64,
-        triangles,
-        bytes: writer.finish()?,
-        said: navigator.statement(),
-        note,
-    })
+    Ok(Extracted { vertices, triangles, files: writer.finish()?, said, note })
 }

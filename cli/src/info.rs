@@ -13,7 +13,7 @@ use navigator::plan;
 use serde_json::{Map, Value, json};
 use storage::{ByteSize, LocalDisk};
 use vdt::mesh::{Attributes, ImageSource, Material, MeshError, TriangleSink, read_mesh};
-use vdt::tree::Normal;
+use vdt::tree::{Appearance, AttributeKinds, Image, Material as ModelMaterial, Normal};
 
 use crate::arguments::InfoOptions;
 use crate::compare::is_model;
@@ -50,9 +50,11 @@ fn model_info(path: &Path, decodes: bool, json: bool) -> Result<()> {
     let mut report = Report::default();
     report.line("model", format!("{}, format version {VERSION}", path.display()));
     mesh_lines(&mut report, header);
+    attribute_lines_of_model(&mut report, &model);
     error_lines(&mut report, header, details.as_ref());
     page_lines(&mut report, header, &figures, place_holders);
     size_lines(&mut report, header, &figures, details.as_ref());
+    coder_lines(&mut report, &model);
     let (metric, strategy) = (header.metric.to_string(), header.strategy.to_string());
     report.line(
         "built",
@@ -61,7 +63,22 @@ fn model_info(path: &Path, decodes: bool, json: bool) -> Result<()> {
             header.error_bound, header.blocking, header.positions
         ),
     );
-    report.print(json, &model_json(header, &figures, details.as_ref(), place_holders))
+    let mut document = model_json(header, &figures, details.as_ref(), place_holders);
+    document["attributes"] = attributes_json(&model);
+    document["normals_given"] = model.appearance().is_some_and(|found| found.layout.kinds.normals).into();
+    if let Some(found) = model.appearance() {
+        let Appearance { materials, images, texture_exponent, .. } = &found.appearance;
+        let image = |image: Option<u32>| image.and_then(|image| images.get(image as usize));
+        let of_material =
+            |material: &ModelMaterial| material_json(&material.name, material.base_colour, image(material.image));
+        document["wedges"] = found.wedge_count.into();
+        document["has_seams"] = found.layout.has_seams.into();
+        document["texture_step"] = 2.0_f64.powi(*texture_exponent).into();
+        document["materials"] = materials.iter().map(of_material).collect();
+    }
+    document["coder_contexts_of_its_own"] = model.own_contexts().into();
+    document["denominator"] = model.denominator().into();
+    report.print(json, &document)
 }
 
 /// The box in the coordinates of the mesh file.
@@ -100,7 +117,38 @@ fn mesh_lines(report: &mut Report, header: &Header) {
     if header.input_error > 0.0 {
         report.line("input error", input_error(header.input_error, header.positions));
     }
-    report.line("attributes", format!("normals, to {} bits; no others", Normal::WORD_BITS));
+}
+
+fn attribute_lines_of_model(report: &mut Report, model: &Model) {
+    let Some(found) = model.appearance() else {
+        return report.line("attributes", format!("normals, computed, to {} bits; no others", Normal::WORD_BITS));
+    };
+    let Appearance { kinds, materials, images, .. } = &found.appearance;
+    let normals = if kinds.normals { "" } else { "normals, computed; " };
+    report.line("attributes", format!("{normals}of the mesh file: {kinds}"));
+    if found.layout.has_seams {
+        let more = found.wedge_count - model.header().leaf_count;
+        report.line("", format!("along seams {} more", counted(more.into(), "set of them", "sets of them")));
+    }
+    for (number, material) in materials.iter().take(LISTED_MATERIALS).enumerate() {
+        let image = material.image.and_then(|image| images.get(image as usize));
+        report.line(
+            if number == 0 { "materials" } else { "" },
+            material_line(&material.name, material.base_colour, image),
+        );
+    }
+    if materials.len() > LISTED_MATERIALS {
+        let more = materials.len() - LISTED_MATERIALS;
+        report.line("", format!("and {} more; --json lists all", grouped(more as u64)));
+    }
+}
+
+/// The attributes of a model.
+fn attributes_json(model: &Model) -> Value {
+    let Some(found) = model.appearance() else { return json!(["normals"]) };
+    let AttributeKinds { colours, textures, materials, .. } = found.layout.kinds;
+    let all = [(true, "normals"), (colours, "colours"), (textures, "texture_coordinates"), (materials, "materials")];
+    all.into_iter().filter_map(|(is_there, name)| is_there.then_some(name)).collect()
 }
 
 fn error_lines(report: &mut Report, header: &Header, details: Option<&ModelDetails>) {
@@ -138,14 +186,27 @@ fn page_lines(report: &mut Report, header: &Header, figures: &ModelStatistics, p
     report.line("place holder", format!("{} hold any meta-node; {fit}", ByteSize(header.slot_bytes.into())));
 }
 
+fn coder_lines(report: &mut Report, model: &Model) {
+    let tables = match model.own_contexts() {
+        0 => "the built-in ones".into(),
+        own => format!("its own for {}, else the built-in ones", counted(own as u64, "context", "contexts")),
+    };
+    report.line("coder's tables", tables);
+    if model.denominator() > 0.0 {
+        report.line("coordinates", format!("most are fractions of {}", model.denominator()));
+    }
+}
+
 /// The parts of the file, for people and for programs.
-fn parts(figures: &ModelStatistics) -> [(&'static str, &'static str, u64); 7] {
+fn parts(figures: &ModelStatistics) -> [(&'static str, &'static str, u64); 9] {
     let bytes = &figures.file;
     [
         ("header", "header", bytes.header),
         ("root table", "roots", bytes.roots),
         ("root page and way tables", "ways", bytes.ways),
         ("tables of the coder", "coder_tables", bytes.coder_tables),
+        ("appearance", "appearance", bytes.appearance),
+        ("images", "images", bytes.images),
         ("heads of meta-nodes", "page_heads", bytes.page_heads),
         ("coded fields", "fields", bytes.fields),
         ("checksums", "checksums", bytes.checksums),
@@ -161,12 +222,13 @@ fn decoded_json(figures: &ModelStatistics) -> Value {
         "entries": decoded.entries,
         "positions": decoded.positions,
         "triangles": decoded.triangles,
+        "attributes": decoded.wedges,
         "page_headers": decoded.page_headers,
     })
 }
 
 /// The kinds of coded fields, for people and for programs, with their bytes.
-fn fields(fields: &FieldBits) -> [(&'static str, &'static str, f64); 6] {
+fn fields(fields: &FieldBits) -> [(&'static str, &'static str, f64); 7] {
     [
         ("links and sizes", "structure", fields.structure / 8.0),
         ("ids, for switch values", "ids", fields.ids / 8.0),
@@ -174,6 +236,7 @@ fn fields(fields: &FieldBits) -> [(&'static str, &'static str, f64); 6] {
         ("triangles", "triangles", fields.triangles / 8.0),
         ("normals", "normals", fields.normals / 8.0),
         ("normal cones", "cones", fields.cones / 8.0),
+        ("attributes", "attributes", fields.attributes / 8.0),
     ]
 }
 
@@ -183,12 +246,13 @@ fn size_lines(report: &mut Report, header: &Header, figures: &ModelStatistics, d
         format!("{:>10}  {:6.3} per vertex  {name}", ByteSize(bytes.round() as u64).to_string(), per_vertex(bytes))
     };
     report.line("size", line("all of the file", header.file_length as f64));
-    for (name, _, bytes) in parts(figures) {
+    for (name, _, bytes) in parts(figures).into_iter().filter(|(_, _, bytes)| *bytes > 0) {
         report.line("", line(name, bytes as f64));
     }
     report.line("decoded", line("all of it", figures.decoded.total() as f64));
     if let Some(details) = details {
-        for (number, (name, _, bytes)) in fields(&details.fields).into_iter().enumerate() {
+        let fields = fields(&details.fields).into_iter().filter(|(_, _, bytes)| *bytes > 0.0);
+        for (number, (name, _, bytes)) in fields.enumerate() {
             report.line(if number == 0 { "fields" } else { "" }, line(name, bytes));
         }
     }
@@ -221,7 +285,6 @@ fn model_json(
         "blocking": header.blocking.to_string(),
         "positions": header.positions.to_string(),
         "lattice_step": header.lattice_step,
-        "attributes": ["normals"],
         "normal_bits": Normal::WORD_BITS,
         "largest_error": header.largest_switch,
         "input_error": header.input_error,
@@ -314,7 +377,11 @@ fn mesh_info(path: &Path, json: bool) -> Result<()> {
         report.line("attributes", "none");
     }
     for (number, material) in attributes.materials.iter().take(LISTED_MATERIALS).enumerate() {
-        report.line(if number == 0 { "materials" } else { "" }, material_line(material));
+        let image = material.image.as_ref().map(plain_image);
+        report.line(
+            if number == 0 { "materials" } else { "" },
+            material_line(&material.name, material.base_colour, image.as_ref()),
+        );
     }
     if attributes.materials.len() > LISTED_MATERIALS {
         let more = attributes.materials.len() - LISTED_MATERIALS;
@@ -346,7 +413,7 @@ fn mesh_info(path: &Path, json: bool) -> Result<()> {
                 "listed_normals": attributes.normals,
                 "listed_texture_coordinates": attributes.texture_coordinates,
             },
-            "materials": attributes.materials.iter().map(material_json).collect::<Vec<_>>(),
+            "materials": attributes.materials.iter().map(mesh_material_json).collect::<Vec<_>>(),
             "missing_files": attributes.missing_files.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
         }),
     )
@@ -382,13 +449,18 @@ fn attribute_lines(attributes: &Attributes) -> Vec<String> {
     .collect()
 }
 
-fn material_line(material: &Material) -> String {
-    let name = if material.name.is_empty() { "(no name)" } else { &material.name };
-    let colour = match material.base_colour {
+/// An image as models have them.
+fn plain_image(image: &vdt::mesh::Image) -> Image {
+    Image { name: image.name.clone(), source: image.source.clone() }
+}
+
+fn material_line(name: &str, base_colour: Option<[f32; 4]>, image: Option<&Image>) -> String {
+    let name = if name.is_empty() { "(no name)" } else { name };
+    let colour = match base_colour {
         Some([red, green, blue, alpha]) => format!(", colour {red} {green} {blue}, alpha {alpha}"),
         None => String::new(),
     };
-    let image = match &material.image {
+    let image = match image {
         Some(image) => format!(", image {} ({})", image.name, place_of(&image.source).1),
         None => String::new(),
     };
@@ -405,12 +477,16 @@ fn place_of(source: &ImageSource) -> (&'static str, String) {
     }
 }
 
-fn material_json(material: &Material) -> Value {
+fn mesh_material_json(material: &Material) -> Value {
+    material_json(&material.name, material.base_colour, material.image.as_ref().map(plain_image).as_ref())
+}
+
+fn material_json(name: &str, base_colour: Option<[f32; 4]>, image: Option<&Image>) -> Value {
     json!({
-        "name": material.name,
-        "base_colour": material.base_colour,
-        "image": material.image.as_ref().map(|image| &image.name),
-        "image_found": material.image.as_ref().map(|image| image.source != ImageSource::Missing),
-        "image_place": material.image.as_ref().map(|image| place_of(&image.source).0),
+        "name": name,
+        "base_colour": base_colour,
+        "image": image.map(|image| &image.name),
+        "image_found": image.map(|image| image.source != ImageSource::Missing),
+        "image_place": image.map(|image| place_of(&image.source).0),
     })
 }

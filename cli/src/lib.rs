@@ -5,11 +5,13 @@
 //! document and nothing else. Progress goes to standard error, on a terminal only. Exit codes: 0 done, 1 failed, 2 wrong
 //! usage.
 
+mod against;
 mod arguments;
 mod bench;
 mod build;
 mod chart;
 mod compare;
+mod convert;
 mod demo;
 mod extract;
 mod generate;
@@ -20,6 +22,7 @@ mod progress;
 mod statement;
 mod table;
 mod verify;
+mod warnings;
 
 use std::process::ExitCode;
 
@@ -44,6 +47,7 @@ pub fn run() -> ExitCode {
         Command::Info(options) => info::run(options, json),
         Command::Verify(options) => verify::run(options, json),
         Command::Extract(options) => extract::run(options, json),
+        Command::Convert(options) => convert::run(&options, json),
         Command::Navigate(options) => navigate::run(options, json),
         Command::Compare(options) => compare::run(&options, json),
         Command::Bench(options) => bench::run(options, json),

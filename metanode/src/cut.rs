@@ -7,7 +7,7 @@
 //! one bit for each leaf is the whole cut: the active ancestor of a leaf is the last set bit at or before it, and its
 //! vertex number the rank of that bit. A triangle is active where its birth split is applied (design, 1).
 //!
-//! RAM: 1.5 bits for each leaf, a page for each level of the page tree, 56 bytes for each level of the binary tree for the
+//! RAM: 1.5 bits for each leaf, a page for each level of the page tree, 80 bytes for each level of the binary tree for the
 //! vertices, 9 bytes for each tree; for the statement, where parts have vanished, 31 bytes for each of those and a bit for
 //! each vertex. I/O: each page with an applied split, or on the way to a tree with one, once for the counts, once for the
 //! triangles and once for the vertices; for the statement, where parts have vanished, once more for the triangles and three
@@ -21,6 +21,7 @@ use crate::page::{ChildEntry, PageLocation, Target};
 use crate::statement::{Drawn, Statement};
 use crate::vanished::VanishedParts;
 use crate::walk::walk;
+use crate::wedges::PlacedWedge;
 
 /// The mesh of a uniform cut.
 #[derive(Debug)]
@@ -105,6 +106,14 @@ impl<'a> UniformCut<'a> {
         &self,
         mut action: impl FnMut([f32; 3]) -> Result<(), E>,
     ) -> Result<(), E> {
+        self.for_each_leaf(|position, _| action(position))
+    }
+
+    /// The same, with the wedges of each vertex: none where the model has no attributes.
+    pub(crate) fn for_each_leaf<E: From<ModelError>>(
+        &self,
+        mut action: impl FnMut([f32; 3], &[PlacedWedge]) -> Result<(), E>,
+    ) -> Result<(), E> {
         // Of a page's children, those by smaller leaves come before those by larger ones: none is come back to.
         let mut chain = PageChain::new(self.model);
         let mut left = self.vertex_count();
@@ -115,13 +124,14 @@ impl<'a> UniformCut<'a> {
                 self.expand(&mut stack, root.switch, root.page, parent, root.record);
             }
             // On top: where the root stands comes before all that is born below it.
-            stack.push(Step::Vertex(root.position));
+            let wedges = self.model.appearance().map_or(&[][..], |found| found.root_wedges.of(root.start));
+            stack.push(Step::Vertex(root.position, wedges.to_vec()));
             while let Some(step) = stack.pop() {
                 match step {
-                    Step::Vertex(position) => {
+                    Step::Vertex(position, wedges) => {
                         // A file with references that meet would otherwise be followed almost without end.
                         left = left.checked_sub(1).ok_or_else(|| self.unsound())?;
-                        action(position)?;
+                        action(position, &wedges)?;
                     }
                     Step::Split { location, parent, record: index } => {
                         let page = chain.page(location, parent)?;
@@ -141,7 +151,7 @@ impl<'a> UniformCut<'a> {
                             }
                         };
                         below(record.born, &mut stack);
-                        stack.push(Step::Vertex(record.position));
+                        stack.push(Step::Vertex(record.position, page.wedges(index).collect()));
                         below(record.kept, &mut stack);
                     }
                 }
@@ -167,13 +177,22 @@ impl<'a> UniformCut<'a> {
         &self,
         mut action: impl FnMut([u64; 3]) -> Result<(), E>,
     ) -> Result<(), E> {
-        let vertex = |leaf: u32| u64::from(self.starts.rank(leaf)).saturating_sub(1);
         walk(self.model, self.error, |page, switches| {
             for (index, _) in (0..).zip(switches).filter(|(_, switch)| **switch > self.error) {
-                page.triangles(index).try_for_each(|corners| action(corners.map(vertex)))?;
+                page.triangles(index).try_for_each(|corners| action(corners.map(|leaf| self.vertex_of(leaf))))?;
             }
             Ok(())
         })
+    }
+
+    /// The vertex number of the active ancestor of a leaf.
+    pub(crate) fn vertex_of(&self, leaf: u32) -> u64 {
+        u64::from(self.starts.rank(leaf)).saturating_sub(1)
+    }
+
+    /// The model, and the error of the cut.
+    pub(crate) fn model(&self) -> (&'a Model, f32) {
+        (self.model, self.error)
     }
 }
 
@@ -225,8 +244,8 @@ const STRIDES: [u32; 3] = [1024, 32, 1];
 
 /// What is left to be done while the vertices are handed out in the order of the leaves.
 enum Step {
-    /// A vertex.
-    Vertex([f32; 3]),
+    /// A vertex, with its wedges.
+    Vertex([f32; 3], Vec<PlacedWedge>),
     /// What is born below a node whose split is applied.
     Split {
         location: PageLocation,

@@ -4,7 +4,7 @@
 //! offset  bytes  header (256 bytes)
 //!      0      8  magic "VDTMODEL"
 //!      8      4  version of the format: 3
-//!     12      4  feature flags: 0; a reader refuses flags that it does not know
+//!     12      4  feature flags: 1 the model has attributes; a reader refuses flags that it does not know
 //!     16      4  bytes of this header: 256
 //!     20      4  leaves (vertices)
 //!     24      4  triangles
@@ -34,7 +34,9 @@
 //!    168      4  step of the lattice that all positions are on, f32; 0 without one
 //!    172      4  way pages: pages on the way to trees that begin in no root page
 //!    176      4  bytes of the coder's tables
-//!    180     72  zero
+//!    180      4  bytes of the appearance; 0 without attributes
+//!    184      8  bytes of the images
+//!    192     60  zero
 //!    252      4  CRC-32 of the 252 bytes before
 //!
 //!    256   60 r  root table, by ascending first leaf: first leaf, end leaf, x, y, z (f32), id, switch (f32),
@@ -45,6 +47,7 @@
 //!          4     CRC-32 of the tables
 //!          t     the coder's tables (`codec::tables`)
 //!          4     CRC-32 of them
+//!          a     the appearance, with its CRC-32 (`appearance`), and the images
 //!                the pages, in the order of their numbers, without gaps
 //! ```
 
@@ -62,6 +65,8 @@ use crate::page::{PageError, PageLocation};
 pub const MAGIC: [u8; 8] = *b"VDTMODEL";
 /// The version of the format that this library writes, and the only one that it reads.
 pub const VERSION: u32 = 3;
+/// Feature flag: the model has attributes.
+const ATTRIBUTES: u32 = 1;
 /// Bytes of the header.
 pub const HEADER_BYTES: usize = 256;
 /// Words of one root.
@@ -203,6 +208,10 @@ pub struct Header {
     pub blocking: Blocking,
     /// Bytes of the coder's tables.
     pub table_bytes: u32,
+    /// Bytes of the appearance; 0 where the model has no attributes.
+    pub appearance_bytes: u32,
+    /// Bytes of the images behind it.
+    pub image_bytes: u64,
     /// Byte offset of the root table.
     pub roots_offset: u64,
     /// Byte offset of the first page.
@@ -237,7 +246,8 @@ impl Header {
         };
         bytes.extend(MAGIC);
         let mut words = |words: &[u32]| words.iter().for_each(|word| bytes.extend(word.to_le_bytes()));
-        words(&[VERSION, 0, HEADER_BYTES as u32, self.leaf_count, self.triangle_count, self.split_count]);
+        let flags = if self.appearance_bytes > 0 { ATTRIBUTES } else { 0 };
+        words(&[VERSION, flags, HEADER_BYTES as u32, self.leaf_count, self.triangle_count, self.split_count]);
         words(&[self.root_count, self.page_count, self.root_page_count, self.slot_bytes, self.largest_page_bytes]);
         words(&[self.page_levels]);
         self.origin.iter().for_each(|value| bytes.extend(value.to_le_bytes()));
@@ -268,6 +278,8 @@ impl Header {
         bytes.extend(self.lattice_step.to_le_bytes());
         bytes.extend(self.way_count.to_le_bytes());
         bytes.extend(self.table_bytes.to_le_bytes());
+        bytes.extend(self.appearance_bytes.to_le_bytes());
+        bytes.extend(self.image_bytes.to_le_bytes());
         let mut whole = [0; HEADER_BYTES];
         whole[..bytes.len()].copy_from_slice(&bytes);
         let checksum = crc32fast::hash(&whole[..HEADER_BYTES - 4]);
@@ -295,8 +307,9 @@ impl Header {
         if crc32fast::hash(&bytes[..HEADER_BYTES - 4]) != word(HEADER_BYTES - 4) {
             return Err(damaged("the checksum does not match".into()));
         }
-        if word(12) != 0 {
-            return Err(ModelError::Features { path: path.into(), flags: word(12) });
+        let unknown = word(12) & !ATTRIBUTES;
+        if unknown != 0 {
+            return Err(ModelError::Features { path: path.into(), flags: unknown });
         }
         let header = Header {
             leaf_count: word(20),
@@ -348,11 +361,13 @@ impl Header {
             lattice_step: float(168),
             way_count: word(172),
             table_bytes: word(176),
+            appearance_bytes: word(180),
+            image_bytes: long(184),
         };
         header.check().map_err(damaged)?;
         // Everything that this version does not use is zero.
         if header.to_bytes() != *bytes {
-            return Err(damaged("a field that must be 0 (or, at byte 16, 256) is not".into()));
+            return Err(damaged("a field that must be 0 (or, at byte 16, 256) is not, or a flag is wrong".into()));
         }
         Ok(header)
     }
@@ -365,9 +380,14 @@ impl Header {
         self.roots_offset + 4 * words + 4
     }
 
-    /// Where the tables of the coder end, with their checksum: the offset of the first page.
+    /// Where the tables of the coder end, with their checksum: the offset of the appearance.
     pub(crate) fn after_tables(&self) -> u64 {
         self.after_root_tables() + u64::from(self.table_bytes) + 4
+    }
+
+    /// Where the images end: the offset of the first page. Without end where that is beyond all files.
+    pub(crate) fn after_images(&self) -> u64 {
+        (self.after_tables() + u64::from(self.appearance_bytes)).saturating_add(self.image_bytes)
     }
 
     /// What must hold between the fields, whatever the model.
@@ -383,8 +403,10 @@ impl Header {
             Err(format!("a mesh 2^{} wide cannot be", self.exponent))
         } else if !has_lattice(self.positions, self.lattice_step) {
             Err(format!("positions {}, in steps of {}", self.positions, self.lattice_step))
-        } else if self.roots_offset != HEADER_BYTES as u64 || self.pages_offset != self.after_tables() {
+        } else if self.roots_offset != HEADER_BYTES as u64 || self.pages_offset != self.after_images() {
             Err(format!("sections at bytes {} and {}", self.roots_offset, self.pages_offset))
+        } else if self.image_bytes > 0 && self.appearance_bytes == 0 {
+            Err(format!("{} bytes of images, and nothing that refers to them", self.image_bytes))
         } else if self.pages_offset > self.file_length {
             Err(format!("the file length is given as {}", self.file_length))
         } else if u64::from(self.root_count) + u64::from(self.split_count) != u64::from(self.leaf_count) {
@@ -550,9 +572,11 @@ mod tests {
             positions: Positions::Bits(14),
             lattice_step: 0.125,
             table_bytes: 100,
+            appearance_bytes: 60,
+            image_bytes: 7,
             blocking: Blocking::Forest { slot_bytes: 4096, fan_out: 4 },
             roots_offset: 256,
-            pages_offset: 256 + 2 * 60 + 16 + 2 * 20 + 4 + 100 + 4,
+            pages_offset: 256 + 2 * 60 + 16 + 2 * 20 + 4 + 100 + 4 + 60 + 7,
             file_length: 10_000,
         }
     }
@@ -597,7 +621,7 @@ mod tests {
         assert!(message(&some_header().to_bytes()[..100]).contains("100 of 256 bytes"));
         assert!(message(&with_word(8, 2)).contains("format version 2, this program reads version 3"));
         assert!(message(&with_word(12, 4)).contains("flags 0x4"));
-        for (offset, word) in [(16, 260), (180, 1), (248, 7)] {
+        for (offset, word) in [(16, 260), (12, 0), (192, 1), (248, 7)] {
             assert!(message(&with_word(offset, word)).contains("must be 0"), "{offset}");
         }
         let named = [(108, "metric 9"), (112, "strategy 9"), (116, "error bound 9"), (120, "blocking 9")];
@@ -653,7 +677,7 @@ mod tests {
             let message = refused(&Header { largest_page_bytes, ..header });
             assert!(message.contains(&format!("pages of {largest_page_bytes} bytes")), "{message}");
         }
-        assert!(refused(&Header { file_length: 439, ..header }).contains("file length"));
+        assert!(refused(&Header { file_length: 506, ..header }).contains("file length"));
         assert!(refused(&Header { pages_offset: 400, ..header }).contains("sections"));
         assert!(refused(&Header { maximum: [f32::NAN; 3], ..header }).contains("not finite"));
         assert!(refused(&Header { slot_bytes: u32::MAX, ..header }).contains("decoded"));

@@ -7,15 +7,16 @@
 //! Blocking goes depth first, so what it asks for moves through the leaves from left to right; only the pages near the
 //! root of the page tree, which are few, look all over the tree.
 //!
-//! Memory: the caches, and 28 bytes for each 2,048 leaves. I/O: splits and triangle counts are read once for the sums; then
-//! each array once more for every walk.
+//! Memory: the caches, and 28 bytes for each 2,048 leaves. I/O: splits, triangle counts and, with seams, where wedges begin
+//! are read once for the sums; then each array once more for every walk.
 
 use bytemuck::Pod;
 use storage::{Spool, StorageError};
 use vdt::tree::{NO_SPLIT, Split, StoredTree};
 
 use crate::blocking::BlockingError;
-use crate::page::{ENTRY_WORDS, RECORD_WORDS, TRIANGLE_WORDS};
+use crate::page::PageCounts;
+use crate::wedges::WedgeLayout;
 
 /// Nodes that are read at once, and between two sums.
 const NODES: usize = 2048;
@@ -128,6 +129,7 @@ impl<S: Source> Cache<S> {
 /// the whole tree.
 #[derive(Debug)]
 pub(crate) struct Sums {
+    layout: WedgeLayout,
     before: Vec<(u64, u32)>,
     all: (u64, u32),
 }
@@ -137,6 +139,8 @@ impl Sums {
     pub fn of(tree: &StoredTree) -> Result<Self, StorageError> {
         let mut splits = tree.splits.reader(BUFFER);
         let mut counts = tree.triangle_counts.reader(BUFFER);
+        let layout = WedgeLayout::of(tree);
+        let mut wedges = WedgeCounts::of(tree)?;
         let mut before = Vec::with_capacity((tree.leaf_count() as usize).div_ceil(NODES));
         let (mut number, mut all) = (0, (0, 0));
         while let (Some(split), Some(triangles)) = (splits.next()?, counts.next()?) {
@@ -144,18 +148,43 @@ impl Sums {
                 before.push(all);
             }
             number += 1;
-            all = after(all, &split, triangles);
+            all = after(all, &split, triangles, wedges.next()?, layout);
         }
-        Ok(Sums { before, all })
+        Ok(Sums { layout, before, all })
     }
 }
 
 /// The sums behind a split, from those before it.
 #[inline]
-fn after((words, triangles): (u64, u32), split: &Split, born: u32) -> (u64, u32) {
-    let entries = u64::from(split.kept != NO_SPLIT) + u64::from(split.born != NO_SPLIT);
-    let own = RECORD_WORDS as u64 + entries * ENTRY_WORDS as u64 + u64::from(born) * TRIANGLE_WORDS as u64;
-    (words + own, triangles.wrapping_add(born))
+fn after((words, triangles): (u64, u32), split: &Split, born: u32, wedges: u32, layout: WedgeLayout) -> (u64, u32) {
+    let entries = usize::from(split.kept != NO_SPLIT) + usize::from(split.born != NO_SPLIT);
+    let own = PageCounts::record_words(entries, born as usize, wedges as usize, layout);
+    (words + own as u64, triangles.wrapping_add(born))
+}
+
+/// How many wedges the leaves have, one after the other.
+struct WedgeCounts<'a> {
+    firsts: Option<storage::SpoolReader<'a, u32>>,
+    first: u64,
+    end: u64,
+    /// What each leaf has where there are no seams.
+    each: u32,
+}
+
+impl<'a> WedgeCounts<'a> {
+    fn of(tree: &'a StoredTree) -> Result<Self, StorageError> {
+        let (each, end) = tree.attributes.as_ref().map_or((0, 0), |attributes| (1, attributes.wedges.len()));
+        let seams = tree.attributes.as_ref().and_then(|attributes| attributes.seams.as_ref());
+        let mut firsts = seams.map(|seams| seams.first_wedges.reader(BUFFER));
+        let first = firsts.as_mut().map(|firsts| firsts.next()).transpose()?.flatten().unwrap_or_default();
+        Ok(WedgeCounts { firsts, first: first.into(), end, each })
+    }
+
+    fn next(&mut self) -> Result<u32, StorageError> {
+        let Some(firsts) = &mut self.firsts else { return Ok(self.each) };
+        let next = firsts.next()?.map_or(self.end, u64::from);
+        Ok(next.saturating_sub(std::mem::replace(&mut self.first, next)) as u32)
+    }
 }
 
 /// A split, with the sums over all before it.
@@ -176,6 +205,7 @@ pub(crate) struct NodeSource<'a> {
     sums: &'a Sums,
     splits: Vec<Split>,
     counts: Vec<u32>,
+    first_wedges: Vec<u32>,
 }
 
 impl Source for NodeSource<'_> {
@@ -197,10 +227,25 @@ impl Source for NodeSource<'_> {
         self.counts.resize(count, 0);
         self.tree.splits.read_at(start, &mut self.splits)?;
         self.tree.triangle_counts.read_at(start, &mut self.counts)?;
+        let attributes = self.tree.attributes.as_ref();
+        let wedge_count = attributes.map_or(0, |attributes| attributes.wedges.len() as u32);
+        let seams = attributes.and_then(|attributes| attributes.seams.as_ref());
+        if let Some(seams) = seams {
+            // One more, or the end of all, tells how many the last one has.
+            let known = (self.tree.leaf_count() - start).min(count as u64 + 1) as usize;
+            self.first_wedges.resize(count + 1, wedge_count);
+            self.first_wedges[count] = wedge_count;
+            seams.first_wedges.read_at(start, &mut self.first_wedges[..known])?;
+        }
+        let each = u32::from(attributes.is_some());
         let mut before = self.sums.before.get(start as usize / NODES).copied().unwrap_or(self.sums.all);
-        for ((node, split), born) in nodes.iter_mut().zip(&self.splits).zip(&self.counts) {
+        for (index, ((node, split), born)) in nodes.iter_mut().zip(&self.splits).zip(&self.counts).enumerate() {
             *node = Node { split: *split, before };
-            before = after(before, split, *born);
+            let wedges = match seams {
+                Some(_) => self.first_wedges[index + 1].saturating_sub(self.first_wedges[index]),
+                None => each,
+            };
+            before = after(before, split, *born, wedges, self.sums.layout);
         }
         if let Some(last) = nodes.get_mut(count) {
             *last = Node { split: Split::VACANT, before };
@@ -229,7 +274,7 @@ pub(crate) struct Nodes<'a> {
 impl<'a> Nodes<'a> {
     /// Of a tree with these sums, within so many bytes.
     pub fn new(tree: &'a StoredTree, sums: &'a Sums, ram_bytes: usize) -> Self {
-        let source = NodeSource { tree, sums, splits: Vec::new(), counts: Vec::new() };
+        let source = NodeSource { tree, sums, splits: Vec::new(), counts: Vec::new(), first_wedges: Vec::new() };
         Nodes { cache: Cache::new(source, ram_bytes) }
     }
 

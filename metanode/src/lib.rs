@@ -3,6 +3,8 @@
 //! | module | what it does | where it comes from |
 //! |---|---|---|
 //! | [`page`] | the decoded meta-node: what lies in a place holder | the paper, 3.2; design, 4 |
+//! | [`wedges`] | attributes of corners, as they lie in pages | |
+//! | [`appearance`] | what wedges refer to: materials, images | |
 //! | [`header`] | the model file's header and root table, byte by byte | |
 //! | [`blocking`] | which splits share a meta-node, and in which order | the paper, 3.2; design, 4 |
 //! | `codec` | a page as few bits as it needs | `facts/codec.md` |
@@ -13,6 +15,8 @@
 //! | [`mod@verify`] | checks a whole model file, believing nothing | design, 6 |
 //! | [`decode`] | all pages decoded by several threads: what decoding costs | |
 //! | [`cut`] | uniform cuts, streaming: the mesh of one error | the paper, 3.3.1 |
+//! | [`cut_wedges`] | the same with attributes | |
+//! | [`drawn_mesh`] | the mesh of any cut with attributes, in RAM | |
 //! | [`statement`] | what can be said of a surface drawn: how far the input is from it | design, 1 |
 //! | [`vanished`] | parts that are not drawn at all, and how far from the surface they are | |
 //! | [`mod@statistics`] | how full the pages are, how long the paths, where the bytes go | |
@@ -20,13 +24,16 @@
 //!
 //! The bytes of the file are documented in `docs/format.md`.
 
+pub mod appearance;
 mod bits;
 pub mod blocking;
 pub mod chain;
 mod codec;
 pub mod cut;
+pub mod cut_wedges;
 pub mod decode;
 pub mod details;
+pub mod drawn_mesh;
 pub mod header;
 mod leaf_order;
 pub mod model;
@@ -36,11 +43,14 @@ pub mod statistics;
 pub mod vanished;
 pub mod verify;
 mod walk;
+pub mod wedges;
 pub mod write;
 
 pub use codec::FieldBits;
 pub use cut::{UniformCut, error_for_triangles};
+pub use cut_wedges::CutWedges;
 pub use details::{ModelDetails, details};
+pub use drawn_mesh::DrawnMesh;
 pub use statement::Statement;
 pub use statistics::{ModelStatistics, statistics};
 pub use verify::{VerifyError, VerifyReport, verify};
@@ -50,3 +60,5 @@ pub use write::{ModelOptions, ModelSummary, WriteError, WriteResources, write_mo
 mod reference;
 #[cfg(test)]
 mod testing;
+#[cfg(test)]
+mod wedge_tests;

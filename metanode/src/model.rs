@@ -1,17 +1,23 @@
 //! A model file open for reading: header and root table in RAM, pages on disk.
 //!
 //! RAM: 60 bytes for each root (component), 16 for each root page and 24 for each page on the way to a tree that begins in
-//! no root page; nothing else that grows with the model. Each page is one positioned read, and is decoded with all its
-//! ancestors at hand. The file is shared by as many threads as like.
+//! no root page; with attributes the appearance, in which are the wedges of each root; nothing else that grows with the model.
+//! Each page is one positioned read, and is decoded with all its ancestors at hand. The file is shared by as many threads as
+//! like.
 
 use std::path::Path;
 use std::sync::Arc;
 
-use storage::{Disk, ReadAt};
+use storage::{Disk, ReadAt, StorageError};
+use vdt::tree::ImageSource;
 
+use crate::appearance::ModelAppearance;
 use crate::codec::{self as coder, Context, FieldBits, Head, PageDecoder, Shape};
 use crate::header::{HEADER_BYTES, Header, ModelError, ModelRoot, ROOT_PAGE_WORDS, ROOT_WORDS, WAY_WORDS, Way};
 use crate::page::{Page, PageLocation};
+
+/// Bytes of an image that are read at once.
+const IMAGE_CHUNK: usize = 1 << 20;
 
 /// A model file open for reading.
 #[derive(Debug)]
@@ -25,6 +31,7 @@ pub struct Model {
     ways: Vec<Way>,
     shape: Shape,
     tables: coder::Tables,
+    appearance: ModelAppearance,
 }
 
 impl Model {
@@ -43,15 +50,17 @@ impl Model {
             return Err(ModelError::Damaged { path: path.into(), part: "file".into(), problem });
         }
         let Tables { roots, root_pages, ways } = Tables::read(file.as_ref(), &header)?;
-        let (tables, frequent) = read_coder_tables(file.as_ref(), &header)?;
+        let (tables, numbers) = read_coder_tables(file.as_ref(), &header)?;
         let mut roots_by_page: Vec<u32> = (0..roots.len() as u32).collect();
         roots_by_page.sort_by_key(|index| {
             let root: &ModelRoot = &roots[*index as usize];
             (root.page.number, root.record)
         });
+        let appearance = ModelAppearance::read(file.as_ref(), &header, &roots)?;
         let Header { exponent, lattice_step, .. } = header;
-        let shape = Shape { exponent, lattice_step, frequent };
-        Ok(Model { file, header, roots, roots_by_page, root_pages, ways, shape, tables })
+        let ModelAppearance { layout: wedges, texture_density, .. } = appearance;
+        let shape = Shape { exponent, lattice_step, numbers, wedges, texture_density };
+        Ok(Model { file, header, roots, roots_by_page, root_pages, ways, shape, tables, appearance })
     }
 
     /// The path under which the file was opened.
@@ -62,6 +71,49 @@ impl Model {
     /// What the header says.
     pub fn header(&self) -> &Header {
         &self.header
+    }
+
+    /// What it says of the wedges, if the model has attributes.
+    pub fn appearance(&self) -> Option<&ModelAppearance> {
+        (self.header.appearance_bytes > 0).then_some(&self.appearance)
+    }
+
+    /// Hands on the bytes of the image with this number in [`Appearance::images`], piece by piece. False where it is missing, or
+    /// there is none.
+    ///
+    /// [`Appearance::images`]: vdt::tree::Appearance::images
+    pub fn image<E: From<StorageError>>(
+        &self,
+        number: usize,
+        mut action: impl FnMut(&[u8]) -> Result<(), E>,
+    ) -> Result<bool, E> {
+        let image = self.appearance.appearance.images.get(number);
+        let Some(ImageSource::Part { offset, length, .. }) = image.map(|image| &image.source) else { return Ok(false) };
+        let (mut offset, mut left) = (*offset, *length);
+        let mut chunk = vec![0; IMAGE_CHUNK.min(usize::try_from(left).unwrap_or(IMAGE_CHUNK))];
+        while left > 0 {
+            let count = chunk.len().min(usize::try_from(left).unwrap_or(IMAGE_CHUNK));
+            self.file.read_exact_at(offset, &mut chunk[..count])?;
+            action(&chunk[..count])?;
+            (offset, left) = (offset + count as u64, left - count as u64);
+        }
+        Ok(true)
+    }
+
+    /// Checks the bytes of all images. RAM: 1 MiB.
+    pub(crate) fn check_images(&self) -> Result<(), ModelError> {
+        for (number, checksum) in self.appearance.image_checksums.iter().enumerate() {
+            let mut hasher = crc32fast::Hasher::new();
+            let is_there = self.image::<ModelError>(number, |chunk| {
+                hasher.update(chunk);
+                Ok(())
+            })?;
+            if is_there && hasher.finalize() != *checksum {
+                let (part, problem) = (format!("image {number}"), "the checksum does not match".into());
+                return Err(ModelError::Damaged { path: self.path().into(), part, problem });
+            }
+        }
+        Ok(())
     }
 
     /// The roots of the forest, by ascending first leaf; their intervals partition the leaves.
@@ -95,11 +147,23 @@ impl Model {
         way
     }
 
+    /// How many contexts of the coder have probabilities of the file's own; all others have the built-in ones.
+    pub fn own_contexts(&self) -> usize {
+        self.tables.own_contexts()
+    }
+
+    /// The number of which most coordinates are fractions, where there is no lattice; 0 where there is none.
+    pub fn denominator(&self) -> f32 {
+        self.shape.numbers.denominator
+    }
+
     /// Bytes of RAM that this holds.
     pub fn resident_bytes(&self) -> usize {
         size_of::<Self>()
             + self.roots.capacity() * (size_of::<ModelRoot>() + size_of::<u32>())
             + self.tables.ram_bytes()
+            + self.header.appearance_bytes as usize
+            + self.appearance.root_wedges.ram_bytes()
             + self.root_pages.capacity() * size_of::<PageLocation>()
             + self.ways.capacity() * size_of::<Way>()
     }
@@ -198,7 +262,8 @@ impl Model {
             above = Some(ancestor.number());
         }
         let trees = |number| self.roots_in_page(number).iter().map(|index| &self.roots[*index as usize]);
-        let context = Context { location, ancestors, shape: &self.shape, tables: &self.tables, trees };
+        let Model { shape, tables, appearance, .. } = self;
+        let context = Context { location, ancestors, shape, tables, root_wedges: &appearance.root_wedges, trees };
         reader.decoder.decode(&reader.encoded, &context, page).map_err(|source| ModelError::Page {
             path: self.path().into(),
             location,
@@ -313,22 +378,25 @@ impl Tables {
     }
 }
 
-/// The tables of the coder, which stand between the root tables and the pages.
-fn read_coder_tables(file: &dyn ReadAt, header: &Header) -> Result<(coder::Tables, coder::Frequent), ModelError> {
+/// The tables of the coder, which stand behind the root tables.
+fn read_coder_tables(file: &dyn ReadAt, header: &Header) -> Result<(coder::Tables, coder::Numbers), ModelError> {
     let damaged = |problem: &str| ModelError::Damaged {
         path: file.path().into(),
         part: "coder's tables".into(),
         problem: problem.into(),
     };
     let start = header.after_root_tables();
-    let mut bytes = vec![0; (header.pages_offset - start) as usize];
+    let mut bytes = vec![0; (header.after_tables() - start) as usize];
     file.read_exact_at(start, &mut bytes)?;
     let (body, checksum) = bytes.split_at(bytes.len() - 4);
     if crc32fast::hash(body).to_le_bytes() != *checksum {
         return Err(damaged("the checksum does not match"));
     }
     match coder::Classes::from_bytes(body) {
-        Ok((classes, frequent)) => Ok((coder::Tables::new(&classes), frequent)),
+        Ok((_, numbers)) if numbers.denominator > 0.0 && header.lattice_step > 0.0 => {
+            Err(damaged("they are for fractions, and there is a lattice"))
+        }
+        Ok((classes, numbers)) => Ok((coder::Tables::new(&classes), numbers)),
         Err(coder::BadTables) => Err(damaged("they are not such as are written")),
     }
 }

@@ -15,6 +15,11 @@
 //! 5 e     entries, one for each child that splits further: id, switch (f32), radius (f32), cone,
 //!         target record | target child page << 16 (0xffff: in this page)
 //! 3 t     born triangles: three leaf numbers
+//!         where the model has attributes (`wedges`):
+//! r         with seams: the first wedge of each record (the next record's says where they end)
+//!           wedges of the born leaves: with seams number, end, and the normal if normals are given; colour (red, green, blue,
+//!           alpha from the lowest byte on); texture coordinate, two i32; material: each only where the model has it
+//! 3 t       with seams: the numbers of the wedges of the triangles' corners
 //! ```
 //!
 //! Records stand in breadth-first order, those of the page's roots first, by ascending leaf; below a record the kept
@@ -28,6 +33,8 @@
 
 use thiserror::Error;
 pub use vdt::tree::{Normal, NormalCone};
+
+use crate::wedges::{PlacedWedge, WedgeLayout};
 
 /// Words of the page header.
 pub const HEADER_WORDS: usize = 10;
@@ -148,17 +155,25 @@ pub struct PageCounts {
     pub entries: usize,
     /// Born triangles.
     pub triangles: usize,
+    /// Wedges of the born leaves.
+    pub wedges: usize,
+    /// How they lie there.
+    pub layout: WedgeLayout,
 }
 
 impl PageCounts {
     /// Words that one record takes, with its child entries and born triangles.
-    pub fn record_words(entries: usize, triangles: usize) -> usize {
-        RECORD_WORDS + entries * ENTRY_WORDS + triangles * TRIANGLE_WORDS
+    pub fn record_words(entries: usize, triangles: usize, wedges: usize, layout: WedgeLayout) -> usize {
+        RECORD_WORDS
+            + layout.place_words()
+            + entries * ENTRY_WORDS
+            + triangles * (TRIANGLE_WORDS + layout.corner_words())
+            + wedges * layout.words()
     }
 
     /// Words that a page with these counts takes decoded.
     pub fn words(&self) -> usize {
-        self.triangles_start() + self.triangles * TRIANGLE_WORDS
+        self.corner_wedges_start() + self.triangles * self.layout.corner_words()
     }
 
     /// Bytes that a page with these counts takes decoded.
@@ -176,6 +191,18 @@ impl PageCounts {
 
     fn triangles_start(&self) -> usize {
         self.entries_start() + self.entries * ENTRY_WORDS
+    }
+
+    fn wedge_places_start(&self) -> usize {
+        self.triangles_start() + self.triangles * TRIANGLE_WORDS
+    }
+
+    fn wedges_start(&self) -> usize {
+        self.wedge_places_start() + self.records * self.layout.place_words()
+    }
+
+    fn corner_wedges_start(&self) -> usize {
+        self.wedges_start() + self.wedges * self.layout.words()
     }
 }
 
@@ -250,12 +277,36 @@ impl Page {
             let problem = format!("no entry refers to record {next_record} of {}", self.counts.records);
             return Err(PageError::Field { what: "record", index: next_record, problem });
         }
-        let corners = &self.words[self.counts.triangles_start()..];
+        self.check_wedges()?;
+        let corners = &self.words[self.counts.triangles_start()..self.counts.wedge_places_start()];
         if let Some(wrong) = corners.iter().position(|leaf| *leaf >= leaf_count) {
             let problem = format!("leaf {} of {leaf_count}", corners[wrong]);
             return Err(PageError::Field { what: "triangle", index: wrong / TRIANGLE_WORDS, problem });
         }
         Ok(())
+    }
+
+    /// Each record has at least one wedge, and each wedge an interval of numbers that begins with its own.
+    fn check_wedges(&self) -> Result<(), PageError> {
+        let PageCounts { records, wedges, layout, .. } = self.counts;
+        if !layout.has_seams {
+            return Ok(());
+        }
+        let first = |index: usize| self.words[self.counts.wedge_places_start() + index] as usize;
+        for index in 0..records {
+            let end = if index + 1 < records { first(index + 1) } else { wedges };
+            if (index == 0 && first(0) != 0) || first(index) >= end || end > wedges {
+                let problem = format!("wedges {}..{end} of {wedges}", first(index));
+                return Err(PageError::Field { what: "record", index, problem });
+            }
+        }
+        let words = &self.words[self.counts.wedges_start()..self.counts.corner_wedges_start()];
+        match words.chunks_exact(layout.words()).position(|wedge| wedge[0] >= wedge[1]) {
+            None => Ok(()),
+            Some(index) => {
+                Err(PageError::Field { what: "wedge", index, problem: "the numbers below it are none".into() })
+            }
+        }
     }
 
     fn check_header(&self, leaf_count: u32) -> Result<(), PageError> {
@@ -419,6 +470,18 @@ impl Page {
 
     /// The triangles born by the record with this index; none where there is no such record.
     pub fn triangles(&self, index: u16) -> impl ExactSizeIterator<Item = [u32; 3]> + '_ {
+        self.of_triangles(self.counts.triangles_start(), index)
+    }
+
+    /// For each of these triangles the numbers of its corners' wedges. Where the model has no seams there are none, and each
+    /// corner has the wedge of its leaf.
+    pub fn corner_wedges(&self, index: u16) -> impl ExactSizeIterator<Item = [u32; 3]> + '_ {
+        let index = if self.counts.layout.has_seams { index } else { NONE_16 };
+        self.of_triangles(self.counts.corner_wedges_start(), index)
+    }
+
+    /// Three words for each triangle of a record, from those that begin at `start`.
+    fn of_triangles(&self, start: usize, index: u16) -> impl ExactSizeIterator<Item = [u32; 3]> + '_ {
         let index = usize::from(index);
         let first = |index: usize| self.words[self.records_start(index) + 6] as usize;
         let range = if index >= self.counts.records {
@@ -428,9 +491,32 @@ impl Page {
         } else {
             first(index)..first(index + 1)
         };
-        let start = self.counts.triangles_start();
         let words = &self.words[start + range.start * TRIANGLE_WORDS..start + range.end * TRIANGLE_WORDS];
         words.as_chunks::<TRIANGLE_WORDS>().0.iter().copied()
+    }
+
+    /// The wedges of the leaf that the record with this index bears; none where there is no such record, or the model has no
+    /// attributes.
+    pub fn wedges(&self, index: u16) -> impl ExactSizeIterator<Item = PlacedWedge> + '_ {
+        let PageCounts { records, layout, .. } = self.counts;
+        let index = usize::from(index);
+        let first = |index: usize| self.words[self.counts.wedge_places_start() + index] as usize;
+        let range = if index >= records || layout.kinds.is_empty() {
+            0..0
+        } else if !layout.has_seams {
+            index..index + 1
+        } else if index + 1 == records {
+            first(index)..self.counts.wedges
+        } else {
+            first(index)..first(index + 1)
+        };
+        let record = self.records_start(index.min(records.saturating_sub(1)));
+        let (leaf, normal) = match self.words.get(record + 4) {
+            Some(normal) => (self.words[record], Normal::from_word(*normal)),
+            None => (0, Normal::UP),
+        };
+        let (start, words) = (self.counts.wedges_start(), layout.words());
+        range.map(move |wedge| layout.wedge(&self.words[start + wedge * words..][..words], leaf, normal))
     }
 }
 
@@ -460,7 +546,7 @@ mod tests {
     const ENTRIES: usize = RECORDS + 2 * RECORD_WORDS;
 
     fn page_of(words: &[u32]) -> Page {
-        let counts = PageCounts { children: 2, records: 2, entries: 2, triangles: 3 };
+        let counts = PageCounts { children: 2, records: 2, entries: 2, triangles: 3, ..PageCounts::default() };
         let mut page = Page::with_slot_bytes(counts.decoded_bytes());
         page.check_size(&counts).unwrap();
         page.begin(counts).extend(words);
@@ -530,7 +616,7 @@ mod tests {
 
     #[test]
     fn what_does_not_fit_is_refused() {
-        let counts = PageCounts { children: 1, records: 2, entries: 1, triangles: 3 };
+        let counts = PageCounts { children: 1, records: 2, entries: 1, triangles: 3, ..PageCounts::default() };
         let page = Page::with_slot_bytes(counts.decoded_bytes());
         page.check_size(&counts).unwrap();
         let more = PageCounts { triangles: 4, ..counts };
@@ -540,7 +626,7 @@ mod tests {
         let numbered = PageCounts { records: 65_534, ..counts };
         large.check_size(&numbered).unwrap();
         for (children, records, entries) in [(1, 65_535, 1), (1, 1, 65_535), (65_535, 1, 1)] {
-            let counts = PageCounts { children, records, entries, triangles: 0 };
+            let counts = PageCounts { children, records, entries, ..PageCounts::default() };
             assert!(large.check_size(&counts).unwrap_err().to_string().contains("than can be numbered"));
         }
     }

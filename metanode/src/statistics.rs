@@ -9,7 +9,8 @@
 use crate::codec::{CHECKSUM_BYTES, Head};
 use crate::header::{Blocking, HEADER_BYTES, ModelError, ROOT_PAGE_WORDS, ROOT_WORDS, WAY_WORDS};
 use crate::model::{Model, PageReader};
-use crate::page::{CHILD_PAGE_WORDS, ENTRY_WORDS, HEADER_WORDS, RECORD_WORDS, TRIANGLE_WORDS};
+use crate::page::{CHILD_PAGE_WORDS, ENTRY_WORDS, HEADER_WORDS, PageCounts, RECORD_WORDS, TRIANGLE_WORDS};
+use crate::wedges::WedgeLayout;
 
 /// Words of a position, in roots and records.
 const POSITION_WORDS: usize = 3;
@@ -27,6 +28,10 @@ pub struct FileBytes {
     pub ways: u64,
     /// Tables of the coder, with their checksum.
     pub coder_tables: u64,
+    /// The appearance: root wedges, materials.
+    pub appearance: u64,
+    /// Images.
+    pub images: u64,
     /// What stands in front of the coded fields of pages: numbers, counts, where the children are.
     pub page_heads: u64,
     /// Coded fields.
@@ -38,8 +43,8 @@ pub struct FileBytes {
 impl FileBytes {
     /// All of them: those of the file.
     pub fn total(&self) -> u64 {
-        let FileBytes { header, roots, ways, coder_tables, page_heads, fields, checksums } = self;
-        header + roots + ways + coder_tables + page_heads + fields + checksums
+        let FileBytes { header, roots, ways, coder_tables, appearance, images, page_heads, fields, checksums } = self;
+        header + roots + ways + coder_tables + appearance + images + page_heads + fields + checksums
     }
 }
 
@@ -58,6 +63,8 @@ pub struct DecodedBytes {
     pub entries: u64,
     /// Born triangles.
     pub triangles: u64,
+    /// Wedges of born leaves and corners.
+    pub wedges: u64,
 }
 
 impl DecodedBytes {
@@ -73,7 +80,7 @@ impl DecodedBytes {
 
     /// What is drawn: the paper's *DATA*.
     pub fn data(&self) -> u64 {
-        self.positions + self.triangles
+        self.positions + self.triangles + self.wedges
     }
 }
 
@@ -125,7 +132,9 @@ pub fn statistics(model: &Model) -> Result<ModelStatistics, ModelError> {
         header: HEADER_BYTES as u64,
         roots: words(header.root_count, ROOT_WORDS),
         ways: words(header.root_page_count, ROOT_PAGE_WORDS) + words(header.way_count, WAY_WORDS),
-        coder_tables: header.pages_offset - header.after_root_tables(),
+        coder_tables: header.after_tables() - header.after_root_tables(),
+        appearance: header.appearance_bytes.into(),
+        images: header.image_bytes,
         checksums: CHECKSUM_BYTES as u64,
         ..FileBytes::default()
     };
@@ -133,6 +142,7 @@ pub fn statistics(model: &Model) -> Result<ModelStatistics, ModelError> {
     found.decoded.roots = bytes(header.root_count as usize, ROOT_WORDS - POSITION_WORDS);
     found.decoded.positions = bytes(header.root_count as usize, POSITION_WORDS);
     let (mut records, mut roots, mut children, mut path_pages) = (0, 0, 0, 0);
+    let layout = model.appearance().map_or(WedgeLayout::default(), |appearance| appearance.layout);
     let mut reader = PageReader::default();
     // One past the last page of the level at hand, and of the one below as far as it is known.
     let (mut level_end, mut next_end) = (header.root_page_count, header.root_page_count);
@@ -145,7 +155,7 @@ pub fn statistics(model: &Model) -> Result<ModelStatistics, ModelError> {
             found.longest_path += 1;
             level_end = next_end;
         }
-        let counts = head.counts();
+        let counts = head.counts(layout);
         if counts.children > 0 {
             next_end = head.first_child.saturating_add(counts.children as u32);
         }
@@ -173,6 +183,8 @@ pub fn statistics(model: &Model) -> Result<ModelStatistics, ModelError> {
         found.decoded.positions += bytes(counts.records, POSITION_WORDS);
         found.decoded.entries += bytes(counts.entries, ENTRY_WORDS);
         found.decoded.triangles += bytes(counts.triangles, TRIANGLE_WORDS);
+        let plain = PageCounts { wedges: 0, layout: WedgeLayout::default(), ..counts };
+        found.decoded.wedges += (decoded - plain.decoded_bytes()) as u64;
     }
     if offset != header.file_length {
         let problem = format!("the last of them ends at byte {offset} of {}", header.file_length);

@@ -287,16 +287,23 @@ struct Places {
     lattice_step: f32,
 }
 
-/// Anywhere, in any unit; on a lattice, coarse enough for many to be in one place, or as fine as one may be; sometimes all
-/// in a plane.
+/// Anywhere, in any unit; on a lattice, coarse enough for many to be in one place, or as fine as one may be; fractions of one
+/// denominator, most of them; sometimes all in a plane.
 fn places(random: &mut Random, leaves: usize) -> Places {
     let unit = 10.0_f32.powi([0, 0, -5, 5, -20, 15][random.below(6)]);
     let steps = [0, 0, 0, 1 << 4, 1 << 12, 1 << 23][random.below(6)];
     let lattice_step = if steps > 0 { (1.0 + random.signed().abs()) * unit / steps as f32 } else { 0.0 };
+    let denominator = [0.0, 1e3, 1e7, 0.25][random.below(4)];
     let is_flat = random.below(8) == 0;
     let mut coordinate = |axis: usize| {
         let value = if is_flat && axis == 1 { 0.5 } else { random.signed() };
-        if steps > 0 { on_lattice((value * (steps - 1) as f32) as i32, lattice_step) } else { value * unit * 10.0 }
+        if steps > 0 {
+            on_lattice((value * (steps - 1) as f32) as i32, lattice_step)
+        } else if denominator > 0.0 && random.below(8) > 0 {
+            (value * 1e5).trunc() / denominator
+        } else {
+            value * unit * 10.0
+        }
     };
     Places { positions: (0..leaves).map(|_| [0, 1, 2].map(&mut coordinate)).collect(), lattice_step }
 }

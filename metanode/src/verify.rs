@@ -19,6 +19,8 @@
 //! - a born triangle has its first corner under the kept child, one of the others under the born child, and the third
 //!   outside the node in the same tree; the triangles of a split ascend strictly;
 //! - the pages of the way table are where it says, below the parents that it says;
+//! - there are as many wedges as it says, with materials that there are, and a corner under a born leaf has a wedge that turns
+//!   into one of this leaf's; images have their checksums;
 //! - the counts, sizes and bounds in the header are those found.
 //!
 //! Not checked: that the normal cones hold the normals of the surface, and that the splits and triangles are those of
@@ -32,7 +34,7 @@
 use std::path::PathBuf;
 
 use thiserror::Error;
-use vdt::tree::{Normal, Positions, lattice_number, switch_of};
+use vdt::tree::{Normal, Positions, Wedge, lattice_number, switch_of};
 
 use crate::chain::PageChain;
 use crate::header::{ModelError, ModelRoot};
@@ -121,6 +123,7 @@ pub struct VerifyReport {
 pub fn verify(model: &Model, progress: &mut dyn FnMut(f64)) -> Result<VerifyReport, VerifyError> {
     let found = Descent::new(model).run(progress)?;
     found.compare(model)?;
+    model.check_images()?;
     progress(1.0);
     let header = model.header();
     Ok(VerifyReport {
@@ -284,6 +287,7 @@ struct Found {
     largest_switch: f32,
     /// The box of each tree.
     bounds: Vec<Bounds>,
+    wedges: u64,
 }
 
 impl Found {
@@ -347,6 +351,10 @@ impl Found {
         if header.largest_switch != self.largest_switch {
             return Err(header_error(model, "largest switch value", header.largest_switch, self.largest_switch));
         }
+        let wedges = model.appearance().map_or(0, |appearance| appearance.wedge_count);
+        if u64::from(wedges) != self.wedges {
+            return Err(header_error(model, "wedges", wedges, self.wedges));
+        }
         let mut all = Bounds::EMPTY;
         for bounds in &self.bounds {
             all.add(bounds.minimum);
@@ -371,6 +379,15 @@ fn check_switch(model: &Model, id: u32, switch: f32) -> Result<(), String> {
     Ok(())
 }
 
+/// Whether wedges have materials that there are.
+fn check_materials(model: &Model, wedges: impl Iterator<Item = Wedge>) -> Result<(), String> {
+    let materials = model.appearance().map_or(0, |appearance| appearance.appearance.materials.len());
+    match wedges.map(|wedge| wedge.material).find(|material| *material as usize > materials) {
+        Some(material) => Err(format!("a wedge has material {material} of {materials}")),
+        None => Ok(()),
+    }
+}
+
 /// The pass, from the root tables down.
 struct Descent<'a> {
     model: &'a Model,
@@ -390,6 +407,7 @@ impl<'a> Descent<'a> {
             largest_page_bytes: 0,
             largest_switch: 0.0,
             bounds: vec![Bounds::EMPTY; model.roots().len()],
+            wedges: 0,
         };
         Descent { model, found }
     }
@@ -463,6 +481,11 @@ impl<'a> Descent<'a> {
             self.found.roots += 1;
             self.found.add_leaf(self.model, tree, root.position, root.normal).map_err(wrong)?;
             self.found.largest_switch = self.found.largest_switch.max(root.switch);
+            if let Some(appearance) = self.model.appearance() {
+                let wedges = appearance.root_wedges.of_tree(tree as usize);
+                self.found.wedges += wedges.len() as u64;
+                check_materials(self.model, wedges.iter().map(|placed| placed.wedge)).map_err(wrong)?;
+            }
         }
         nodes.sort_by_key(|node| node.record);
         let records = nodes.iter().map(|node| usize::from(node.record));
@@ -506,6 +529,8 @@ impl<'a> Descent<'a> {
             }
             let triangles = self.check_triangles(&node, &record, page.triangles(index as u16));
             triangles.map_err(|problem| self.record_error(location, index, problem))?;
+            let wedges = self.check_wedges(&node, &record, page, index as u16);
+            wedges.map_err(|problem| self.record_error(location, index, problem))?;
         }
         // In the order of the leaves the child pages ascend: each has a contiguous part of the frontier.
         frontier.sort_by_key(|(_, node): &(u16, Node)| node.start);
@@ -564,6 +589,24 @@ impl<'a> Descent<'a> {
         Ok(Some((node, entry.target)))
     }
 
+    /// Checks the wedges of a born leaf, and those of the corners that lie under it. That wedges are numbered depth-first is what
+    /// decoding makes sure of.
+    fn check_wedges(&mut self, node: &Node, record: &Record, page: &Page, index: u16) -> Result<(), String> {
+        let wedges = page.wedges(index);
+        self.found.wedges += wedges.len() as u64;
+        check_materials(self.model, wedges.map(|placed| placed.wedge))?;
+        for (leaves, wedges) in page.triangles(index).zip(page.corner_wedges(index)) {
+            for (leaf, number) in leaves.into_iter().zip(wedges) {
+                let is_born = (record.born_leaf..node.end).contains(&leaf);
+                let has_born = page.wedges(index).any(|placed| (placed.number..placed.end).contains(&number));
+                if is_born != has_born {
+                    return Err(format!("leaf {leaf} cannot have wedge {number}"));
+                }
+            }
+        }
+        Ok(())
+    }
+
     fn check_triangles(
         &mut self,
         node: &Node,
@@ -603,7 +646,7 @@ mod tests {
     use vdt::tree::{Tree, on_lattice};
 
     use super::*;
-    use crate::codec::{Classes, Frequent};
+    use crate::codec::{Classes, Numbers};
     use crate::cut::{UniformCut, error_for_triangles};
     use crate::header::{Blocking, HEADER_BYTES, ROOT_WORDS};
     use crate::statistics::statistics;
@@ -701,7 +744,7 @@ mod tests {
     #[test]
     fn an_empty_model_is_sound() {
         let report = check(model_bytes(&Tree::default(), SMALL).0).unwrap();
-        let bytes = (HEADER_BYTES + 4 + Classes::unseen().to_bytes(&Frequent::NONE).len() + 4) as u64;
+        let bytes = (HEADER_BYTES + 4 + Classes::unseen().to_bytes(Numbers::ANY).len() + 4) as u64;
         assert_eq!((report.leaves, report.pages, report.bytes), (0, 0, bytes));
     }
 
@@ -947,7 +990,7 @@ mod tests {
     #[test]
     fn a_root_beside_the_lattice_is_named_with_its_place() {
         let mut tree = Tree { lattice_step: 1e-3, ..small_tree(380) };
-        tree.positions.iter_mut().flatten().for_each(|value| *value = on_lattice((*value * 1e3) as i32, 1e-3));
+        tree.positions.iter_mut().flatten().for_each(|value| *value = on_lattice((*value * 1e3) as i32 % 10_000, 1e-3));
         check(model_bytes(&tree, SMALL).0).unwrap();
         tree.positions[tree.roots[1].start as usize][2] = 1.0005;
         let message = check(model_bytes(&tree, SMALL).0).unwrap_err().to_string();

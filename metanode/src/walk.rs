@@ -100,6 +100,34 @@ pub(crate) fn walk_along<E: From<ModelError>>(
     Ok(())
 }
 
+/// Visits the pages with these numbers, ascending, and those that lead to them; each page has its parent among them, but for those
+/// with no node whose parent's split is in another page.
+pub(crate) fn walk_pages<E: From<ModelError>>(
+    model: &Model,
+    numbers: &[u32],
+    mut visit: impl FnMut(&Page) -> Result<(), E>,
+) -> Result<(), E> {
+    let is_wanted = |number: u32| numbers.binary_search(&number).is_ok();
+    let leads = leading_ways(model, |number| is_wanted(number) && !model.roots_in_page(number).is_empty());
+    let is_needed = |number: u32| {
+        let way = model.ways().binary_search_by_key(&number, |way| way.page.number);
+        let leads = way.map_or_else(|_| leads.root_pages.get(number as usize).copied(), |way| Some(leads.ways[way]));
+        is_wanted(number) || leads == Some(true)
+    };
+    let mut chain = PageChain::new(model);
+    let mut stack: Vec<(PageLocation, Option<u32>)> =
+        model.root_pages().iter().rev().filter(|page| is_needed(page.number)).map(|page| (*page, None)).collect();
+    while let Some((location, parent)) = stack.pop() {
+        let page = chain.page(location, parent)?;
+        visit(page)?;
+        let first = stack.len();
+        let children = page.children().filter(|child| is_needed(child.number));
+        stack.extend(children.map(|child| (child, Some(location.number))));
+        stack[first..].reverse();
+    }
+    Ok(())
+}
+
 /// Which pages of the model's tables are needed.
 struct Leads {
     root_pages: Vec<bool>,

@@ -6,14 +6,16 @@
 //! under its name whole or not at all. Its bytes are a function of the tree and the options: no memory, time, path or
 //! thread has a part in them.
 //!
-//! Memory: what is allowed, for the caches of `leaf_order` and buffers; and on top, for each tree, 100 bytes, and for each
-//! page on the way from the root down its splits, and the decoded page. I/O: of the tree, splits and triangle counts are read
-//! three times, the rest once or twice; what is coded is written, read, and written into the file.
+//! Memory: what is allowed, for the caches of `leaf_order` and buffers; and on top, for each tree, 100 bytes
+//! and the wedges of its first leaf, and for each page on the way from the root down its splits, and the decoded page. I/O: of
+//! the tree, splits and triangle counts are read three times, the rest, and images, two or three times; what is coded is
+//! written, read, and written into the file.
 
 mod count;
 mod descent;
 mod encode;
 mod gather;
+mod leaf_wedges;
 mod place;
 mod ways;
 
@@ -25,8 +27,9 @@ use storage::{AtomicFile, ByteSize, Disk, Scratch, StorageError};
 use thiserror::Error;
 use vdt::tree::StoredTree;
 
+use crate::appearance::{ImageCheck, ModelAppearance, for_each_chunk};
 use crate::blocking::{self, BlockingError, Filler};
-use crate::codec::{Frequent, Shape, Tables};
+use crate::codec::{Shape, Tables};
 use crate::header::{
     self, Blocking, ErrorBound, HEADER_BYTES, Header, LARGEST_SLOT_BYTES, Metric, ModelRoot, Positions, Strategy, Way,
 };
@@ -76,6 +79,12 @@ pub enum WriteError {
         positions: Positions,
         /// The step of the tree's lattice; 0 without one.
         step: f32,
+    },
+    /// An image is no longer as long as it was.
+    #[error("the image {name} was changed while the model was written; build it again")]
+    Image {
+        /// Its name.
+        name: String,
     },
     /// A page would be larger than any reader accepts.
     #[error(
@@ -180,6 +189,7 @@ pub fn write_model(
     if !header::has_lattice(positions, step) {
         return Err(WriteError::Positions { positions, step });
     }
+    leaf_wedges::check(tree)?;
     let splits = tree.leaf_count() - tree.roots.len() as u64;
     // Three ways through the pages count each split: counting, coding, which takes most of the time, and placing.
     let work = Mutex::new((0, progress));
@@ -189,16 +199,10 @@ pub fn write_model(
         progress((*done as f64 / (6 * splits.max(1)) as f64).min(1.0));
     };
     let filler = Filler::new(options.blocking);
-    let shape = Shape {
-        exponent: tree.exponent,
-        lattice_step: tree.lattice_step,
-        frequent: match tree.lattice_step {
-            step if step > 0.0 => Frequent::find(&tree.positions, step)?,
-            _ => Frequent::NONE,
-        },
-    };
+    let shape = Shape { texture_density: leaf_wedges::texture_density(tree)?, ..Shape::of(tree)? };
     let sums = Sums::of(tree)?;
-    let ways_through = Work { tree, shape, sums: &sums, filler, resources };
+    let root_wedges = leaf_wedges::of_roots(tree)?;
+    let ways_through = Work { tree, shape, sums: &sums, root_wedges: &root_wedges, filler, resources };
     let root_groups = || Ok::<_, WriteError>(filler.root_groups(trees(tree)?));
     let counted = count::count(&ways_through, root_groups()?, &|part| progress(2 * part))?;
     let totals = counted.totals;
@@ -211,8 +215,9 @@ pub fn write_model(
         );
         return Err(BlockingError::Tree { problem }.into());
     }
-    let table_bytes = counted.classes.to_bytes(&shape.frequent);
-    let tables = Tables::new(&counted.classes);
+    let classes = counted.counts.classes_worth_writing();
+    let table_bytes = classes.to_bytes(shape.numbers);
+    let tables = Tables::new(&classes);
     let code = |part| progress(3 * part);
     let mut coded = encode::encode(&ways_through, &counted, &tables, root_groups()?, &code)?;
     let mut places = Places::of(&mut coded, tree.roots.len(), &counted.places, resources)?;
@@ -226,18 +231,46 @@ pub fn write_model(
     header.page_levels = places.levels_start.len() as u32;
     header.largest_switch = roots.iter().map(|root| root.switch).fold(0.0, f32::max);
     header.table_bytes = table_bytes.len() as u32;
+    let images = tree.attributes.as_ref().map_or(&[][..], |attributes| &attributes.appearance.images);
+    let checks = images.iter().map(|image| ImageCheck::of(disk.as_ref(), image)).collect::<Result<Vec<_>, _>>()?;
+    let appearance = match &tree.attributes {
+        None => Vec::new(),
+        Some(attributes) => ModelAppearance {
+            appearance: attributes.appearance.clone(),
+            layout: shape.wedges,
+            wedge_count: attributes.wedges.len() as u32,
+            root_wedges: root_wedges.clone(),
+            texture_density: shape.texture_density,
+            image_checksums: Vec::new(),
+        }
+        .to_bytes(&checks),
+    };
+    header.appearance_bytes = appearance.len() as u32;
+    header.image_bytes = ImageCheck::total(&checks);
     // From here on places are counted from the beginning of the file.
-    header.pages_offset = header.after_tables();
+    header.pages_offset = header.after_images();
     header.file_length = header.pages_offset + places.bytes;
     places.move_by(header.pages_offset);
     ways.iter_mut().for_each(|way| way.page.offset += header.pages_offset);
 
-    let mut file = AtomicFile::create(disk, path)?;
+    let mut file = AtomicFile::create(disk.clone(), path)?;
     file.set_length(header.file_length)?;
     let mut front = Front::of(&mut file);
     front.push(&header.to_bytes())?;
     front.push(&with_checksum(words_as_bytes(&root_tables(&roots, &places, &ways))))?;
     front.push(&with_checksum(table_bytes))?;
+    front.push(&appearance)?;
+    for (image, check) in images.iter().zip(&checks) {
+        let mut left = check.map_or(0, |check| check.length());
+        let changed = || WriteError::Image { name: image.name.clone() };
+        for_each_chunk(disk.as_ref(), &image.source, |chunk| {
+            left = left.checked_sub(chunk.len() as u64).ok_or_else(changed)?;
+            front.push(chunk).map_err(WriteError::from)
+        })?;
+        if left > 0 {
+            return Err(changed());
+        }
+    }
     place::write_pages(&mut front, header.pages_offset, &places, &coded.fields, &progress)?;
     front.flush()?;
     file.commit()?;
@@ -276,6 +309,8 @@ fn header_of(work: &Work<'_>, options: &ModelOptions, counted: &Counted, bounds:
         blocking: options.blocking,
         roots_offset: HEADER_BYTES as u64,
         table_bytes: 0,
+        appearance_bytes: 0,
+        image_bytes: 0,
         pages_offset: 0,
         file_length: 0,
     }

@@ -57,7 +57,7 @@ pub use paged_array::PagedArray;
 pub use random_file::Traffic;
 pub use record_file::RecordFile;
 pub use scatter::{KeptScattered, Scatter, Scattered};
-pub use scratch::Scratch;
+pub use scratch::{ForeignFolder, Scratch};
 pub use sequential::SequentialReader;
 pub use sorter::{SortRecord, Sorted, Sorter};
 pub use spool::{KeptSpool, Spool, SpoolReader, SpoolWriter};

@@ -197,7 +197,7 @@ impl Scratch {
     }
 
     /// A new folder, for a store of others that does its own I/O: it lies on the machine's file system, whatever the disk.
-    pub(crate) fn foreign_folder(&self, name: &str) -> Result<ForeignFolder, StorageError> {
+    pub fn foreign_folder(&self, name: &str) -> Result<ForeignFolder, StorageError> {
         let place = self.place(name)?;
         // Not while folders are cleaned up.
         let _folders = FOLDERS.lock().unwrap_or_else(PoisonError::into_inner);
@@ -393,9 +393,9 @@ fn is_ours(name: &str) -> bool {
     }
 }
 
-/// A folder for a store of others; gone with this value.
+/// A folder for a store of others, or for files that are not records; gone with this value.
 #[derive(Debug)]
-pub(crate) struct ForeignFolder {
+pub struct ForeignFolder {
     path: PathBuf,
     /// Bytes in it, as far as they were told.
     bytes: AtomicU64,

@@ -6,6 +6,7 @@
 //! | [`random_mesh`] | meshes of every kind that people have, for property tests |
 //! | [`history`] | a mesh in RAM, simplified: what happened, and the tree |
 //! | [`random_log`] | logs of simplifications that no engine made |
+//! | [`random_wedges`] | trees with attributes that no mesh file gave |
 //! | [`plain_tree`] | the tree of a list of collapses, from nodes with links |
 //! | [`replay`] | a simplification done over again, one triangle list and nothing else |
 //! | [`cut`] | the mesh of a cut by the rule: three corners with three distinct active ancestors |
@@ -26,5 +27,6 @@ pub mod plain_tree;
 pub mod program;
 pub mod random_log;
 pub mod random_mesh;
+pub mod random_wedges;
 pub mod reference_decoder;
 pub mod replay;

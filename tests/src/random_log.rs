@@ -113,6 +113,8 @@ impl RandomLog {
             cleaning: self.mesh.cleaning,
             input_error: self.mesh.input_error,
             files: FileCounts::default(),
+            attributes: None,
+            missing_files: Vec::new(),
         }
     }
 
@@ -141,6 +143,7 @@ impl RandomLog {
             log: Spool::from_vec(log),
             deaths: deaths.finish().unwrap(),
             roots: self.roots.clone(),
+            wedge_images: Spool::from_vec(Vec::new()),
             rounds: 1,
             legal_collapses: 0,
             spanned: None,

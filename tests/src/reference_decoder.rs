@@ -38,6 +38,59 @@ pub struct Record {
     pub children: [Option<Entry>; 2],
     /// The triangles that are born, sorted.
     pub triangles: Vec<[u32; 3]>,
+    /// The wedges of the born leaf; none without attributes.
+    pub wedges: Vec<Wedge>,
+    /// For each triangle the numbers of its corners' wedges; none without seams.
+    pub corner_wedges: Vec<[u32; 3]>,
+}
+
+/// The attributes of some corners at a leaf, and where they are in the forest of wedges.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wedge {
+    /// Its number.
+    pub number: u32,
+    /// One past the numbers of what turns into it.
+    pub end: u32,
+    /// Its material, counted from 1; 0 for none.
+    pub material: u32,
+    /// Its texture coordinate, in steps.
+    pub texture: [i32; 2],
+    /// Red, green, blue, alpha.
+    pub colour: [u8; 4],
+    /// The word of the normal that the file gave.
+    pub normal: u32,
+}
+
+/// What wedges refer to, and those that no split bears.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Appearance {
+    /// Whether there are normals, colours, texture coordinates, materials.
+    pub kinds: [bool; 4],
+    /// Whether there are leaves with several wedges.
+    pub has_seams: bool,
+    /// Texture coordinates are in steps of 2 to this.
+    pub texture_exponent: i32,
+    /// The logarithm of how long ways in the texture are for those in the mesh.
+    pub texture_density: i32,
+    /// All wedges.
+    pub wedge_count: u32,
+    /// The wedges of the first leaf of each tree.
+    pub root_wedges: Vec<Vec<Wedge>>,
+    /// The materials.
+    pub materials: Vec<Material>,
+    /// The names of the images, and their bytes; none for a missing one.
+    pub images: Vec<(String, Option<Vec<u8>>)>,
+}
+
+/// A material.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Material {
+    /// Its name.
+    pub name: String,
+    /// Red, green, blue, alpha.
+    pub base_colour: Option<[f32; 4]>,
+    /// Its image, counted from 1; 0 for none.
+    pub image: u32,
 }
 
 /// A child that splits further.
@@ -57,14 +110,14 @@ pub struct Entry {
     pub record: usize,
 }
 
-/// Decodes a whole model file: its pages by number, each from its ancestors alone.
-pub fn decode(file: &[u8]) -> BTreeMap<u32, Page> {
+/// Decodes a whole model file: its appearance, if it has one, and its pages by number, each from its ancestors alone.
+pub fn decode(file: &[u8]) -> (Option<Appearance>, BTreeMap<u32, Page>) {
     let model = Model::read(file);
     let mut pages = BTreeMap::new();
     for &(number, offset, length) in &model.root_pages {
         model.decode_below(&[], (number, offset, length), &mut pages);
     }
-    pages
+    (model.appearance, pages)
 }
 
 type Vector = [f32; 3];
@@ -158,6 +211,11 @@ impl Bytes<'_> {
     fn float(&mut self) -> f32 {
         f32::from_bits(self.word())
     }
+
+    fn text(&mut self) -> String {
+        let length = self.word();
+        String::from_utf8((0..length).map(|_| self.take(1) as u8).collect()).unwrap()
+    }
 }
 
 /// A tree, by the root table.
@@ -179,7 +237,10 @@ struct Model<'a> {
     step: f32,
     trees: Vec<Tree>,
     root_pages: Vec<(u32, u64, u32)>,
+    appearance: Option<Appearance>,
     frequent: Vec<u32>,
+    /// 0 where there is none.
+    denominator: f32,
     /// For each family, context and symbol, its parts of 4096.
     symbols: BTreeMap<(Family, usize), Vec<u32>>,
     /// For each family and context, the parts of "yes".
@@ -200,11 +261,23 @@ enum Family {
     FirstFrequent,
     SecondFrequent,
     ThirdFrequent,
+    Fraction,
     TriangleCount,
     FirstNormal,
     SecondNormal,
     Cone,
     Outside,
+    WedgeCount,
+    WedgeImage,
+    Material,
+    MaterialNumber,
+    FirstTexture,
+    SecondTexture,
+    Colour,
+    FirstWedgeNormal,
+    SecondWedgeNormal,
+    SubtreeWedges,
+    CornerWedge,
 }
 
 /// The families of decisions.
@@ -217,7 +290,7 @@ enum Choice {
 }
 
 /// Contexts and symbols of each.
-const FAMILIES: [(Family, usize, usize); 16] = [
+const FAMILIES: [(Family, usize, usize); 28] = [
     (Family::Structure, 20, 9),
     (Family::SubtreeSize, 1, 64),
     (Family::SubtreeRadius, 16, 64),
@@ -229,11 +302,23 @@ const FAMILIES: [(Family, usize, usize); 16] = [
     (Family::FirstFrequent, 24, 64),
     (Family::SecondFrequent, 48, 64),
     (Family::ThirdFrequent, 72, 64),
+    (Family::Fraction, 6, 8),
     (Family::TriangleCount, 2, 5),
     (Family::FirstNormal, 8, 40),
     (Family::SecondNormal, 24, 40),
     (Family::Cone, 18, 17),
     (Family::Outside, 8, 128),
+    (Family::WedgeCount, 4, 16),
+    (Family::WedgeImage, 16, 16),
+    (Family::Material, 2, 2),
+    (Family::MaterialNumber, 1, 64),
+    (Family::FirstTexture, 9, 44),
+    (Family::SecondTexture, 36, 44),
+    (Family::Colour, 12, 40),
+    (Family::FirstWedgeNormal, 6, 40),
+    (Family::SecondWedgeNormal, 6, 40),
+    (Family::SubtreeWedges, 2, 64),
+    (Family::CornerWedge, 48, 16),
 ];
 /// Contexts of each.
 const CHOICES: [(Choice, usize); 4] =
@@ -284,11 +369,11 @@ fn parts_of_symbols(weights: &[u32]) -> Vec<u32> {
 impl<'a> Model<'a> {
     fn read(file: &'a [u8]) -> Self {
         let at = |offset: usize| Bytes(&file[offset..]);
-        assert_eq!((&file[..8], at(8).word(), at(12).word(), at(16).word()), (&b"VDTMODEL"[..], 3, 0, 256));
+        assert_eq!((&file[..8], at(8).word(), at(16).word()), (&b"VDTMODEL"[..], 3, 256));
         assert_eq!((at(132).take(8), at(148).take(8)), (256, file.len() as u64));
         let (tree_count, root_page_count, way_count) = (at(32).word(), at(40).word(), at(172).word());
         let mut tables = at(256);
-        let trees = (0..tree_count).map(|_| read_tree(&mut tables)).collect();
+        let trees: Vec<Tree> = (0..tree_count).map(|_| read_tree(&mut tables)).collect();
         let mut root_pages = Vec::new();
         for _ in 0..root_page_count {
             root_pages.push((tables.word(), tables.take(8), tables.word()));
@@ -296,14 +381,30 @@ impl<'a> Model<'a> {
         let after_roots = 256 + 60 * tree_count as usize + 16 * root_page_count as usize + 20 * way_count as usize;
         let coder_start = after_roots + 4;
         let coder_end = coder_start + at(176).word() as usize;
-        assert_eq!(at(140).take(8), coder_end as u64 + 4);
+        let (appearance_start, appearance_length) = (coder_end + 4, at(180).word() as usize);
+        let images_start = appearance_start + appearance_length;
+        let images_end = images_start + at(184).take(8) as usize;
+        assert_eq!(at(140).take(8), images_end as u64);
+        let appearance = match at(12).word() {
+            0 => {
+                assert_eq!(images_end, appearance_start);
+                None
+            }
+            flags => {
+                assert_eq!(flags, 1);
+                let bytes = &file[appearance_start..images_start - 4];
+                Some(read_appearance(bytes, &file[images_start..images_end], &trees))
+            }
+        };
         let mut model = Model {
             file,
             exponent: at(160).word().cast_signed(),
             step: at(168).float(),
             trees,
             root_pages,
+            appearance,
             frequent: Vec::new(),
+            denominator: 0.0,
             symbols: BTreeMap::new(),
             decisions: BTreeMap::new(),
         };
@@ -316,30 +417,72 @@ impl<'a> Model<'a> {
         for _ in 0..bits.take(6) {
             self.frequent.push(bits.take(32) as u32);
         }
+        if bits.take(1) == 1 {
+            self.denominator = f32::from_bits(bits.take(32) as u32);
+        }
+        let own = ContextTables::read(&mut bits, &FAMILIES, &CHOICES);
+        bits.check_end();
+        let (counts, built_in) = BUILT_IN.split_at(2);
+        let mut bits = BitStream { bytes: built_in, next: 0 };
+        let built_in = ContextTables::read(&mut bits, &FAMILIES[..counts[0].into()], &CHOICES[..counts[1].into()]);
+        bits.check_end();
         for (family, contexts, symbols) in FAMILIES {
             for context in 0..contexts {
-                let mut weights = vec![0; symbols];
-                if bits.take(1) == 1 {
+                let key = (family, context);
+                let weights = own.symbols.get(&key).or(built_in.symbols.get(&key)).cloned();
+                self.symbols.insert(key, parts_of_symbols(&weights.unwrap_or(vec![0; symbols])));
+            }
+        }
+        for (choice, contexts) in CHOICES {
+            for context in 0..contexts {
+                let key = (choice, context);
+                let yes = own.decisions.get(&key).or(built_in.decisions.get(&key));
+                self.decisions.insert(key, yes.copied().unwrap_or(2048));
+            }
+        }
+    }
+}
+
+/// The built-in tables.
+const BUILT_IN: &[u8] = include_bytes!("../../metanode/src/codec/built_in.tables");
+
+/// The contexts that are written down in tables.
+#[derive(Default)]
+struct ContextTables {
+    /// The weights of the symbols.
+    symbols: BTreeMap<(Family, usize), Vec<u32>>,
+    /// The parts of "yes".
+    decisions: BTreeMap<(Choice, usize), u32>,
+}
+
+impl ContextTables {
+    fn read(bits: &mut BitStream<'_>, families: &[(Family, usize, usize)], choices: &[(Choice, usize)]) -> Self {
+        let mut tables = ContextTables::default();
+        for &(family, contexts, symbols) in families {
+            let is_some = bits.take(1) == 1;
+            for context in 0..contexts {
+                if is_some && bits.take(1) == 1 {
+                    let mut weights = vec![0; symbols];
                     for weight in &mut weights {
                         if bits.take(1) == 1 {
                             *weight = value_of_class(bits.take(6) as u32);
                         }
                     }
+                    tables.symbols.insert((family, context), weights);
                 }
-                self.symbols.insert((family, context), parts_of_symbols(&weights));
             }
         }
-        for (choice, contexts) in CHOICES {
+        for &(choice, contexts) in choices {
+            let is_some = bits.take(1) == 1;
             for context in 0..contexts {
-                let mut yes = 2048;
-                if bits.take(1) == 1 {
+                if is_some && bits.take(1) == 1 {
                     let rarer = value_of_class(bits.take(6) as u32).clamp(1, 4095);
-                    yes = if bits.take(1) == 1 { 4096 - rarer } else { rarer };
+                    let yes = if bits.take(1) == 1 { 4096 - rarer } else { rarer };
+                    tables.decisions.insert((choice, context), yes);
                 }
-                self.decisions.insert((choice, context), yes);
             }
         }
-        bits.check_end();
+        tables
     }
 }
 
@@ -350,6 +493,76 @@ fn read_tree(words: &mut Bytes<'_>) -> Tree {
     let (record, page, _offset, _length) = (words.word() as usize, words.word(), words.take(8), words.word());
     let normal = words.word();
     Tree { start, end, position, id, radius, record, page, normal: normal % (1 << 20), is_inward: normal >> 31 == 1 }
+}
+
+/// Section 4.1.
+fn read_appearance(bytes: &[u8], images: &[u8], trees: &[Tree]) -> Appearance {
+    let mut words = Bytes(bytes);
+    let bits = words.word();
+    let is = |bit: u32| bits >> bit & 1 == 1;
+    let (texture_exponent, texture_density) = (words.word().cast_signed(), words.word().cast_signed());
+    let (wedge_count, material_count, image_count) = (words.word(), words.word(), words.word());
+    let mut appearance = Appearance {
+        kinds: [is(0), is(1), is(2), is(3)],
+        has_seams: is(4),
+        texture_exponent,
+        texture_density,
+        wedge_count,
+        root_wedges: Vec::new(),
+        materials: Vec::new(),
+        images: Vec::new(),
+    };
+    for tree in trees {
+        let count = if appearance.has_seams { words.word() } else { 1 };
+        let wedges = (0..count).map(|_| appearance.wedge(&mut words, tree)).collect();
+        appearance.root_wedges.push(wedges);
+    }
+    for _ in 0..material_count {
+        let (name, has_colour) = (words.text(), words.word() == 1);
+        let colour = [words.float(), words.float(), words.float(), words.float()];
+        let base_colour = if has_colour { Some(colour) } else { None };
+        appearance.materials.push(Material { name, base_colour, image: words.word() });
+    }
+    let mut images = images;
+    for _ in 0..image_count {
+        let (name, length, _checksum) = (words.text(), words.take(8), words.word());
+        let mut image = None;
+        if length < u64::MAX {
+            let (own, others) = images.split_at(length as usize);
+            (image, images) = (Some(own.to_vec()), others);
+        }
+        appearance.images.push((name, image));
+    }
+    assert!(words.0.is_empty() && images.is_empty());
+    appearance
+}
+
+/// What a wedge has of which the model says nothing.
+const PLAIN: Wedge =
+    Wedge { number: 0, end: 0, material: 0, texture: [0; 2], colour: [255; 4], normal: 511 + 1024 * 511 };
+
+impl Appearance {
+    /// Section 5.5: a wedge of the first leaf of a tree.
+    fn wedge(&self, words: &mut Bytes<'_>, tree: &Tree) -> Wedge {
+        let [normals, colours, textures, materials] = self.kinds;
+        let mut wedge = Wedge { number: tree.start, end: tree.start + 1, ..PLAIN };
+        if self.has_seams {
+            (wedge.number, wedge.end) = (words.word(), words.word());
+        }
+        if normals {
+            wedge.normal = if self.has_seams { words.word() } else { tree.normal };
+        }
+        if colours {
+            wedge.colour = [(); 4].map(|()| words.take(1) as u8);
+        }
+        if textures {
+            wedge.texture = [(); 2].map(|()| words.word().cast_signed());
+        }
+        if materials {
+            wedge.material = words.word();
+        }
+        wedge
+    }
 }
 
 // Section 7.3: the coded fields.
@@ -439,7 +652,31 @@ impl<'a> Coded<'a> {
         }
     }
 
-    /// A difference as its class and sign in one symbol, in sections 9.6 and 9.7.
+    /// A number as its class (section 9.9).
+    fn amount(&mut self, family: Family, context: usize) -> u32 {
+        let class = self.symbol(family, context);
+        self.magnitude(class as i32) as u32
+    }
+
+    /// A place (section 9.9).
+    fn place(&mut self, family: Family, context: usize) -> usize {
+        match self.symbol(family, context) {
+            15 => self.raw(10) as usize,
+            symbol => symbol,
+        }
+    }
+
+    /// A difference, by another one (section 9.9).
+    fn near(&mut self, family: Family, i: usize, before: i64) -> i64 {
+        let level = match before.abs() {
+            0 => 0,
+            1..=8 => 1,
+            _ => 2,
+        };
+        self.difference(family, 3 * i + level)
+    }
+
+    /// A difference as its class and sign in one symbol, in sections 9.6, 9.7 and 9.9.
     fn difference(&mut self, family: Family, context: usize) -> i64 {
         let symbol = self.symbol(family, context);
         let magnitude = self.magnitude((symbol / 2) as i32);
@@ -529,11 +766,13 @@ fn reflected(normal: Vector, d: Vector) -> Vector {
 }
 
 impl Model<'_> {
-    fn on_lattice(&self, position: Vector) -> [i64; 3] {
-        if self.step == 0.0 {
-            return [0; 3];
-        }
-        position.map(|value| (f64::from(value) / f64::from(self.step)).round() as i64)
+    fn whole(&self, value: f32) -> i64 {
+        let exact = if self.step > 0.0 {
+            f64::from(value) / f64::from(self.step)
+        } else {
+            f64::from(value) * f64::from(self.denominator)
+        };
+        (exact.round() as i32).into()
     }
 
     fn root_of(&self, tree: &Tree) -> Node {
@@ -546,7 +785,7 @@ impl Model<'_> {
             id: tree.id,
             radius: tree.radius,
             places: [tree.position; 2],
-            steps: [self.on_lattice(tree.position); 2],
+            steps: [tree.position.map(|value| self.whole(value)); 2],
             normals: [decoded_normal(tree.normal); 2],
             length: within(log(tree.radius * tree.radius) - log((tree.end - tree.start) as f32), -8192, 8192),
             bend: -96,
@@ -584,7 +823,7 @@ impl Model<'_> {
                 let mut node = waiting[index].clone();
                 node.born = record.born_leaf;
                 node.places[BORN] = record.position;
-                node.steps[BORN] = self.on_lattice(record.position);
+                node.steps[BORN] = record.position.map(|value| self.whole(value));
                 node.normals[BORN] = decoded_normal(record.normal);
                 for (side, entry) in record.children.iter().enumerate() {
                     let Some(entry) = entry else { continue };
@@ -601,6 +840,20 @@ impl Model<'_> {
             }
         }
         nodes
+    }
+}
+
+impl Model<'_> {
+    /// The wedges of the first leaves of all trees, and of the leaves that ancestors bear.
+    fn known_wedges(&self, ancestors: &[Page]) -> BTreeMap<u32, Vec<Wedge>> {
+        let mut wedges = BTreeMap::new();
+        if let Some(appearance) = &self.appearance {
+            let of_trees = self.trees.iter().zip(&appearance.root_wedges);
+            wedges.extend(of_trees.map(|(tree, own)| (tree.start, own.clone())));
+            let records = ancestors.iter().flat_map(|page| &page.records);
+            wedges.extend(records.map(|record| (record.born_leaf, record.wedges.clone())));
+        }
+        wedges
     }
 }
 
@@ -631,6 +884,14 @@ struct Decoder<'a> {
     normals: BTreeMap<u32, u32>,
     /// The ids of all children that split.
     ids: BTreeMap<(u32, usize), u32>,
+    /// The wedges of all leaves that are known.
+    wedges: BTreeMap<u32, Vec<Wedge>>,
+    /// For each record the places of its wedges' images.
+    images: BTreeMap<u32, Vec<usize>>,
+    /// For each child in a child page how many wedges turn into each of its own.
+    below: BTreeMap<(u32, usize), Vec<u32>>,
+    /// For each record and triangle, in the order in which they were coded, the wedges of the corners: kept, born, third.
+    corner_wedges: BTreeMap<u32, Vec<[u32; 3]>>,
     outside: [Option<(u32, Vector)>; 16],
     outside_count: usize,
 }
@@ -663,8 +924,7 @@ impl Model<'_> {
         assert_eq!(parent, ancestors.last().map_or(u32::MAX, |page| page.number));
         assert_eq!(head.word(), length);
         let (record_count, root_count) = (head.take(2) as usize, head.take(2) as usize);
-        let (child_count, zero) = (head.take(2) as u32, head.take(2));
-        assert_eq!(zero, 0);
+        let (child_count, more_wedges) = (head.take(2) as u32, head.take(2) as usize);
         let triangle_count = head.word() as usize;
         let (mut children, mut entries) = (Vec::new(), Vec::new());
         if child_count > 0 {
@@ -691,6 +951,10 @@ impl Model<'_> {
             triangles: BTreeMap::new(),
             normals: BTreeMap::new(),
             ids: BTreeMap::new(),
+            wedges: self.known_wedges(ancestors),
+            images: BTreeMap::new(),
+            below: BTreeMap::new(),
+            corner_wedges: BTreeMap::new(),
             outside: [None; 16],
             outside_count: 0,
         };
@@ -702,12 +966,45 @@ impl Model<'_> {
         assert_eq!(decoder.triangles.values().map(Vec::len).sum::<usize>(), triangle_count);
         decoder.decode_normals();
         decoder.decode_cones();
+        if let Some(appearance) = &self.appearance {
+            decoder.decode_wedges(appearance);
+        }
+        let born = decoder.records.iter().filter_map(|record| decoder.wedges.get(record).map(Vec::len));
+        assert_eq!(born.sum::<usize>(), if self.appearance.is_some() { record_count + more_wedges } else { 0 });
         let records = decoder.records(&children, &entries);
         let leaves = (decoder.nodes[&decoder.records[0]].start, decoder.nodes[&decoder.records[root_count - 1]].end);
         decoder.coded.check_end();
         let parent = ancestors.last().map(|page| page.number);
         Page { number, parent, children, root_count, leaves, records }
     }
+}
+
+/// A position while its coordinates are decoded, from that of the kept leaf.
+struct Found {
+    place: Vector,
+    steps: [i64; 3],
+    /// How many coordinates were frequent numbers, and how many no fractions.
+    frequent: usize,
+    none: usize,
+}
+
+/// What is expected of a coordinate.
+struct Guess {
+    family: Family,
+    first: usize,
+    shift: f32,
+    expected: i32,
+    bend: i32,
+}
+
+/// The place of a float in the order of all.
+fn order_of(value: f32) -> i64 {
+    let bits = i64::from(value.to_bits().cast_signed());
+    if bits < 0 { -(1 << 31) - bits } else { bits }
+}
+
+fn float_of(order: i64) -> f32 {
+    f32::from_bits(if order < 0 { -(1 << 31) - order } else { order } as i32 as u32)
 }
 
 /// A record while its leaves are not known.
@@ -827,8 +1124,7 @@ impl Decoder<'_> {
     fn positions(&mut self) {
         for record in self.records.clone() {
             let node = self.nodes[&record].clone();
-            let (place, steps) =
-                if self.model.step > 0.0 { self.on_lattice(&node) } else { (self.lossless(&node), [0; 3]) };
+            let (place, steps) = self.place(&node);
             let node = self.nodes.get_mut(&record).unwrap();
             node.places[BORN] = place;
             node.steps[BORN] = steps;
@@ -849,71 +1145,83 @@ impl Decoder<'_> {
         }
     }
 
-    fn lossless(&mut self, node: &Node) -> Vector {
+    fn place(&mut self, node: &Node) -> (Vector, [i64; 3]) {
         let (kept, normal) = (node.places[KEPT], node.normals[KEPT]);
         let [a, b, c] = axes(normal);
         let expected = node.length + log(node.size() as f32);
-        let mut place = kept;
+        let mut found = Found { place: kept, steps: node.steps[KEPT], frequent: 0, none: 0 };
         let expected_a = expected + steep(normal[a]);
-        place[a] = self.coordinate(Family::FirstCoordinate, 0, kept[a], expected_a);
-        let x = place[a] - kept[a];
-        let level = level(x, expected_a);
-        place[b] = self.coordinate(Family::SecondCoordinate, 9 * level, kept[b], expected + steep(normal[b]));
-        let y = place[b] - kept[b];
-        let guess = kept[c] - (normal[a] * x + normal[b] * y) / normal[c];
-        let guess = if guess.is_finite() { guess } else { kept[c] };
-        place[c] = self.coordinate(Family::ThirdCoordinate, 0, guess, log(x * x + y * y) + node.bend);
-        place
+        let guess = Guess { family: Family::FirstCoordinate, first: 0, shift: 0.0, expected: expected_a, bend: 0 };
+        self.coordinate(&mut found, 0, a, &guess);
+        let x = found.place[a] - kept[a];
+        let (first, expected_b) = (9 * level(x, expected_a), expected + steep(normal[b]));
+        let guess = Guess { family: Family::SecondCoordinate, first, shift: 0.0, expected: expected_b, bend: 0 };
+        self.coordinate(&mut found, 1, b, &guess);
+        let y = found.place[b] - kept[b];
+        let shift = -(normal[a] * x + normal[b] * y) / normal[c];
+        let (family, expected) = (Family::ThirdCoordinate, log(x * x + y * y));
+        let guess = Guess { family, first: 0, shift, expected, bend: node.bend };
+        self.coordinate(&mut found, 2, c, &guess);
+        (found.place, found.steps)
     }
 
-    fn coordinate(&mut self, family: Family, first: usize, guess: f32, expected: i32) -> f32 {
-        let grain = f32::from_bits(guess.to_bits() & 0x7f80_0000) / 8_388_608.0;
-        let expected = expected - log((grain * grain).max(f32::MIN_POSITIVE));
-        let order = |bits: i64| if bits < 0 { -(1 << 31) - bits } else { bits };
-        let found = order(guess.to_bits().cast_signed().into()) + self.coded.number(family, first, expected);
-        let found = f32::from_bits(order(found) as i32 as u32);
+    /// Any coordinate, the `turn`th of its record, along an axis.
+    fn coordinate(&mut self, found: &mut Found, turn: usize, axis: usize, guess: &Guess) {
+        if self.model.step > 0.0 {
+            let step = self.model.step;
+            self.whole_coordinate(found, turn, axis, guess, step, 1.0 / step);
+            found.place[axis] = found.steps[axis] as f32 * step;
+            return;
+        }
+        let denominator = self.model.denominator;
+        if denominator > 0.0 {
+            let symbol = self.coded.symbol(Family::Fraction, turn * (turn + 1) / 2 + found.none);
+            if symbol > 0 {
+                self.whole_coordinate(found, turn, axis, guess, 1.0 / denominator, denominator);
+                let fraction = found.steps[axis] as f32 / denominator;
+                found.place[axis] = float_of(order_of(fraction) + symbol as i64 - 4);
+                return;
+            }
+            found.none += 1;
+        }
+        found.place[axis] = self.any_float(guess, found.place[axis]);
+        found.steps[axis] = self.model.whole(found.place[axis]);
+    }
+
+    fn any_float(&mut self, guess: &Guess, kept: f32) -> f32 {
+        let near = if (kept + guess.shift).is_finite() { kept + guess.shift } else { kept };
+        let grain = f32::from_bits(near.to_bits() & 0x7f80_0000) / 8_388_608.0;
+        let expected = guess.expected + guess.bend - log((grain * grain).max(f32::MIN_POSITIVE));
+        let found = float_of(order_of(near) + self.coded.number(guess.family, guess.first, expected));
         assert!(found.is_finite());
         found
     }
 
-    fn on_lattice(&mut self, node: &Node) -> (Vector, [i64; 3]) {
-        let (normal, step) = (node.normals[KEPT], self.model.step);
-        let [a, b, c] = axes(normal);
-        let expected = node.length + log(node.size() as f32) - log(step * step);
-
-        let expected_a = expected + steep(normal[a]);
-        let known_a = self.frequent(Family::FirstFrequent, 0, expected_a, None);
-        let along_a = known_a.unwrap_or_else(|| self.coded.number(Family::FirstCoordinate, 0, expected_a));
-        let level = level(along_a as f32, expected_a);
-
-        let expected_b = expected + steep(normal[b]);
-        let known_b = self.frequent(Family::SecondFrequent, usize::from(known_a.is_some()), expected_b, None);
-        let along_b = known_b.unwrap_or_else(|| self.coded.number(Family::SecondCoordinate, 9 * level, expected_b));
-
-        let (x, y) = (along_a as f32, along_b as f32);
-        let guess = -(normal[a] * x + normal[b] * y) / normal[c];
-        let guess = i64::from(within(nearest(guess), -(1 << 30), 1 << 30));
-        let bent = log((x * x + y * y).max(1.0 / 64.0)) + node.bend;
-        let expected_c = log((guess * guess) as f32).max(bent);
-        let others = [known_a, known_b].into_iter().flatten().count();
-        let known_c = self.frequent(Family::ThirdFrequent, others, expected_c, Some(guess));
-        let along_c = known_c.unwrap_or_else(|| guess + self.coded.number(Family::ThirdCoordinate, 0, bent));
-
-        let mut steps = node.steps[KEPT];
-        for (axis, along) in [(a, along_a), (b, along_b), (c, along_c)] {
-            steps[axis] += along;
-            assert!(steps[axis].abs() <= 1 << 24);
+    fn whole_coordinate(&mut self, found: &mut Found, turn: usize, axis: usize, guess: &Guess, step: f32, units: f32) {
+        let q = i64::from(within(nearest(guess.shift * units), -(1 << 30), 1 << 30));
+        let mut expected = guess.expected - log(step * step);
+        if turn == 2 {
+            expected = expected.max(-96);
         }
-        (steps.map(|steps| steps as f32 * step), steps)
+        expected += guess.bend;
+        let about = if turn == 2 { log((q * q) as f32).max(expected) } else { expected };
+        found.steps[axis] += match self.frequent(found.frequent, turn, about, q < 0) {
+            Some(number) => {
+                found.frequent += 1;
+                number
+            }
+            None => q + self.coded.number(guess.family, guess.first, expected),
+        };
+        assert!(found.steps[axis].abs() <= 1 << 24);
     }
 
     /// A coordinate, where it is a frequent number.
-    fn frequent(&mut self, family: Family, others: usize, expected: i32, guess: Option<i64>) -> Option<i64> {
+    fn frequent(&mut self, before: usize, turn: usize, expected: i32, is_guessed_negative: bool) -> Option<i64> {
         if self.model.frequent.is_empty() {
             return None;
         }
-        let octave = within(expected >> 5, 0, 23) as usize;
-        let symbol = self.coded.symbol(family, 24 * others + octave);
+        let family = [Family::FirstFrequent, Family::SecondFrequent, Family::ThirdFrequent][turn];
+        let symbol = self.coded.symbol(family, 24 * before + within(expected >> 5, 0, 23) as usize);
         if symbol == 0 {
             return None;
         }
@@ -921,9 +1229,9 @@ impl Decoder<'_> {
         if magnitude == 0 {
             return Some(0);
         }
-        let is_negative = match guess {
-            None => self.coded.raw(1) == 1,
-            Some(guess) => self.coded.decision(Choice::Sign, usize::from(guess < 0)),
+        let is_negative = match turn {
+            2 => self.coded.decision(Choice::Sign, usize::from(is_guessed_negative)),
+            _ => self.coded.raw(1) == 1,
         };
         Some(if is_negative { -magnitude } else { magnitude })
     }
@@ -1216,6 +1524,208 @@ impl Decoder<'_> {
         }
     }
 
+    /// Section 9.9.
+    fn decode_wedges(&mut self, appearance: &Appearance) {
+        for record in self.records.clone() {
+            let kept = self.wedges[&self.nodes[&record].start].clone();
+            let k = kept.len();
+            let count = if appearance.has_seams { self.coded.place(Family::WedgeCount, (k - 1).min(3)) + 1 } else { 1 };
+            assert!(count < 1024);
+            let (mut wedges, mut images) = (Vec::new(), Vec::new());
+            for i in 0..count {
+                let image = match k {
+                    1 => 0,
+                    _ => self.coded.place(Family::WedgeImage, 4 * i.min(3) + (k - 2).min(3)),
+                };
+                wedges.push(self.wedge(appearance, record, &kept[image], i == 0));
+                images.push(image);
+            }
+            self.wedges.insert(record, wedges);
+            self.images.insert(record, images);
+        }
+        if appearance.has_seams {
+            self.decode_subtree_wedges();
+            self.number_wedges();
+            self.decode_corner_wedges();
+        }
+    }
+
+    /// What a wedge has itself.
+    fn wedge(&mut self, appearance: &Appearance, record: u32, image: &Wedge, is_first: bool) -> Wedge {
+        let [normals, colours, textures, materials] = appearance.kinds;
+        let mut wedge = PLAIN;
+        if materials {
+            wedge.material = match self.coded.symbol(Family::Material, usize::from(is_first)) {
+                0 => image.material,
+                _ => self.coded.amount(Family::MaterialNumber, 0),
+            };
+        }
+        if textures {
+            let d = self.nodes[&record].displacement();
+            let expected = log(dot(d, d)) + appearance.texture_density;
+            let x = self.coded.number(Family::FirstTexture, 0, expected);
+            let level = level(x as f32, expected);
+            let y = self.coded.number(Family::SecondTexture, 9 * level, expected);
+            wedge.texture = [i64::from(image.texture[0]) + x, i64::from(image.texture[1]) + y].map(|value| {
+                assert!(value.abs() <= 1 << 23);
+                value as i32
+            });
+        }
+        if colours {
+            let [red, green, blue, alpha] = image.colour.map(i64::from);
+            let by_green = self.coded.near(Family::Colour, 0, 0);
+            let by_red = self.coded.near(Family::Colour, 1, by_green);
+            let by_blue = self.coded.near(Family::Colour, 2, by_red);
+            let by_alpha = self.coded.near(Family::Colour, 3, 0);
+            let expected = |channel: i64| (channel + by_green).clamp(0, 255);
+            wedge.colour = [expected(red) + by_red, green + by_green, expected(blue) + by_blue, alpha + by_alpha]
+                .map(|channel| channel.try_into().unwrap());
+        }
+        let of_record = self.normals[&record];
+        if normals && appearance.has_seams {
+            let j = usize::from(!is_first);
+            let a = self.coded.near(Family::FirstWedgeNormal, j, 0);
+            let b = self.coded.near(Family::SecondWedgeNormal, j, a);
+            let (u, v) = (i64::from(of_record % 1024) + a, i64::from(of_record / 1024) + b);
+            assert!((0..1023).contains(&u) && (0..1023).contains(&v));
+            wedge.normal = (u + 1024 * v) as u32;
+        } else if normals {
+            wedge.normal = of_record;
+        }
+        if !appearance.has_seams {
+            (wedge.number, wedge.end) = (record, record + 1);
+        }
+        wedge
+    }
+
+    /// The leaf at which a child of a node stands.
+    fn stands_at(&self, name: u32, side: usize) -> u32 {
+        self.nodes[&name].leaves(side).0
+    }
+
+    fn decode_subtree_wedges(&mut self) {
+        for (record, side) in self.splitting_children() {
+            if self.nodes[&record].children[side] != Child::Elsewhere {
+                continue;
+            }
+            let (start, end) = self.nodes[&record].leaves(side);
+            let sizes = match self.wedges[&start].len() {
+                1 => vec![end - start + self.coded.amount(Family::SubtreeWedges, 0)],
+                count => (0..count).map(|_| 1 + self.coded.amount(Family::SubtreeWedges, 1)).collect(),
+            };
+            self.below.insert((record, side), sizes);
+        }
+    }
+
+    fn number_wedges(&mut self) {
+        // How many turn into each wedge of the leaf at which a record's node stands, and at which its children stand.
+        let mut of_nodes: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+        let mut of_children: BTreeMap<(u32, usize), Vec<u32>> = BTreeMap::new();
+        for record in self.records.iter().rev() {
+            for side in [KEPT, BORN] {
+                let sizes = match self.nodes[record].children[side] {
+                    Child::Leaf => vec![1; self.wedges[&self.stands_at(*record, side)].len()],
+                    Child::Node(child) => of_nodes[&child].clone(),
+                    Child::Elsewhere => self.below[&(*record, side)].clone(),
+                };
+                of_children.insert((*record, side), sizes);
+            }
+            let mut sizes = of_children[&(*record, KEPT)].clone();
+            for (image, size) in self.images[record].iter().zip(&of_children[&(*record, BORN)]) {
+                sizes[*image] += size;
+            }
+            of_nodes.insert(*record, sizes);
+        }
+        for root in &self.records[..self.root_count] {
+            let expected = match self.nodes[root].parent {
+                None => self.wedges[&self.nodes[root].start].iter().map(|wedge| wedge.end - wedge.number).collect(),
+                Some((parent, side)) => self.known_sizes(parent, side),
+            };
+            assert_eq!(of_nodes[root], expected);
+        }
+        for record in &self.records {
+            let kept = &self.wedges[&self.nodes[record].start];
+            let mut next: Vec<u32> =
+                kept.iter().zip(&of_children[&(*record, KEPT)]).map(|(wedge, size)| wedge.number + size).collect();
+            let born = self.wedges.get_mut(record).unwrap();
+            let images = &self.images[record];
+            for ((wedge, image), size) in born.iter_mut().zip(images).zip(&of_children[&(*record, BORN)]) {
+                wedge.number = next[*image];
+                next[*image] += size;
+                wedge.end = next[*image];
+            }
+        }
+    }
+
+    /// How many wedges of a subtree that is in no page below the one at hand turn into each at its root: up to the next one that
+    /// is known to turn into it and is not of the subtree.
+    fn known_sizes(&self, parent: u32, side: usize) -> Vec<u32> {
+        let (start, end) = self.nodes[&parent].leaves(side);
+        let others: Vec<u32> = self
+            .wedges
+            .iter()
+            .filter(|(leaf, _)| !(start..end).contains(leaf))
+            .flat_map(|(_, wedges)| wedges.iter().map(|wedge| wedge.number))
+            .collect();
+        let size = |wedge: &Wedge| {
+            let above = others.iter().copied().filter(|number| (wedge.number + 1..wedge.end).contains(number));
+            above.min().unwrap_or(wedge.end) - wedge.number
+        };
+        self.wedges[&start].iter().map(size).collect()
+    }
+
+    fn decode_corner_wedges(&mut self) {
+        let first_leaves: Vec<u32> = self.model.trees.iter().map(|tree| tree.start).collect();
+        // All first leaves of trees count as one.
+        let mut last: BTreeMap<Option<u32>, usize> = BTreeMap::new();
+        for record in self.records.clone() {
+            let mut found = Vec::new();
+            for (_, corners) in self.triangles[&record].clone() {
+                let mut numbers = [0; 3];
+                for (which, corner) in corners.into_iter().enumerate() {
+                    numbers[which] = if corner.is_placed {
+                        let wedges = &self.wedges[&corner.leaf];
+                        let mut place = 0;
+                        if wedges.len() > 1 {
+                            let leaf = Some(corner.leaf).filter(|leaf| !first_leaves.contains(leaf));
+                            let before = last.get(&leaf).map_or(0, |place| 1 + place.min(&2));
+                            let context = ((wedges.len() - 2).min(3) * 3 + which) * 4 + before;
+                            place = self.coded.place(Family::CornerWedge, context);
+                            last.insert(leaf, place);
+                        }
+                        wedges[place].number
+                    } else {
+                        self.wedge_elsewhere(corner.leaf)
+                    };
+                }
+                found.push(numbers);
+            }
+            self.corner_wedges.insert(record, found);
+        }
+    }
+
+    /// The wedge of a corner at a leaf elsewhere.
+    fn wedge_elsewhere(&mut self, leaf: u32) -> u32 {
+        let is_there = |(name, side): &(u32, usize)| {
+            let (start, end) = self.nodes[name].leaves(*side);
+            self.nodes[name].children[*side] == Child::Elsewhere && (start..end).contains(&leaf)
+        };
+        let (name, side) = self.nodes.keys().flat_map(|name| [(*name, KEPT), (*name, BORN)]).find(is_there).unwrap();
+        let sizes = match self.below.get(&(name, side)) {
+            Some(sizes) => sizes.clone(),
+            None => self.known_sizes(name, side),
+        };
+        let (start, end) = self.nodes[&name].leaves(side);
+        let wedges = &self.wedges[&start];
+        if sizes == [end - start] {
+            return wedges[0].number + (leaf - start);
+        }
+        let all: Vec<u32> =
+            wedges.iter().zip(sizes).flat_map(|(wedge, size)| wedge.number..wedge.number + size).collect();
+        let bits = u32::BITS - (all.len() as u32 - 1).leading_zeros();
+        all[self.coded.raw(bits) as usize]
+    }
+
     /// The decoded page's records: sections 5 and 6.
     fn records(&self, children: &[(u32, u64, u32)], entries: &[usize]) -> Vec<Record> {
         let mut below: Vec<(u32, (u32, usize))> = Vec::new();
@@ -1264,12 +1774,22 @@ impl Decoder<'_> {
                 })
             };
             let children = [KEPT, BORN].map(entry);
-            let triangles = self.triangles[record].iter();
-            let mut triangles: Vec<[u32; 3]> =
-                triangles.map(|(is_right, corners)| turned(*is_right, corners).map(|corner| corner.leaf)).collect();
+            // The wedges of their corners go with the triangles.
+            let mut triangles = Vec::new();
+            for (index, (is_right, corners)) in self.triangles[record].iter().enumerate() {
+                let wedges = self.corner_wedges.get(record).map(|wedges| turned(*is_right, &wedges[index]));
+                triangles.push((turned(*is_right, corners).map(|corner| corner.leaf), wedges));
+            }
             triangles.sort_unstable();
-            let normal = self.normals[record];
-            found.push(Record { born_leaf: *record, position: node.places[BORN], normal, children, triangles });
+            found.push(Record {
+                born_leaf: *record,
+                position: node.places[BORN],
+                normal: self.normals[record],
+                children,
+                triangles: triangles.iter().map(|(corners, _)| *corners).collect(),
+                wedges: self.wedges.get(record).cloned().unwrap_or_default(),
+                corner_wedges: triangles.iter().filter_map(|(_, wedges)| *wedges).collect(),
+            });
         }
         found
     }
@@ -1300,7 +1820,7 @@ impl Way {
     }
 }
 
-fn turned(is_right: bool, [kept, born, third]: &[Corner; 3]) -> [Corner; 3] {
+fn turned<T: Copy>(is_right: bool, [kept, born, third]: &[T; 3]) -> [T; 3] {
     if is_right { [*kept, *third, *born] } else { [*kept, *born, *third] }
 }
 

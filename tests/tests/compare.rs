@@ -103,6 +103,9 @@ fn what_is_printed_for_people() {
         assert!(text.contains(word), "no `{word}` in {text}");
     }
     assert!(text.lines().all(|line| line.chars().count() <= 110), "{text}");
+    assert!(!text.contains("colour"), "{text}");
+    let found = place.json("compare ball.ply ball.ply --samples 1000 --no-colours");
+    assert!(found.as_object().unwrap().keys().all(|key| !key.contains("colour")), "{found}");
     let text = place.run("compare ball.ply ball.ply --samples 1000 --one-sided").success();
     assert!(text.contains("A to B") && !text.contains("B to A") && !text.contains("Hausdorff"), "{text}");
 }

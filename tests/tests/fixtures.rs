@@ -6,7 +6,11 @@
 use std::fs;
 use std::path::Path;
 
-use metanode::header::VERSION;
+use metanode::header::{ModelError, VERSION};
+use metanode::model::Model;
+use metanode::{CutWedges, UniformCut};
+use storage::{LocalDisk, StorageError};
+use vdt::tree::ImageSource;
 use vdt_tests::mesh_files::read_ply;
 use vdt_tests::program::Workplace;
 use vdt_tests::random_mesh::RawMesh;
@@ -25,7 +29,7 @@ fn place_with_fixture() -> Workplace {
     place
 }
 
-/// FNV-1a of the triangles, each from its smallest corner on, sorted.
+/// The hash of the triangles, each from its smallest corner on, sorted.
 fn hash(mesh: &RawMesh) -> u64 {
     let bits = |corner: &u32| mesh.positions[*corner as usize].map(f64::to_bits);
     let mut triangles: Vec<_> = mesh
@@ -39,7 +43,11 @@ fn hash(mesh: &RawMesh) -> u64 {
         })
         .collect();
     triangles.sort_unstable();
-    let bytes = triangles.into_iter().flatten().flatten().flat_map(u64::to_le_bytes);
+    fnv(triangles.into_iter().flatten().flatten().flat_map(u64::to_le_bytes))
+}
+
+/// FNV-1a.
+fn fnv(bytes: impl Iterator<Item = u8>) -> u64 {
     bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3))
 }
 
@@ -65,6 +73,64 @@ fn a_model_of_version_3_is_read_as_it_was_written() {
     assert!(flown.status.success(), "{CHANGED}\n{flown:?}");
 }
 
+/// The hash of the corners of the sheet in `version-3-attributes.vdt`, with all that they carry.
+const CORNERS: u64 = 3_865_667_769_715_259_873;
+
+#[test]
+fn attributes_of_version_3_are_read_as_they_were_written() {
+    let place = workplace!();
+    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/version-3-attributes.vdt");
+    place.write("sheet.vdt", fs::read(&fixture).unwrap());
+    let verified = place.run("verify sheet.vdt");
+    assert!(verified.status.success(), "{CHANGED}\n{verified:?}");
+    let info = place.json("info sheet.vdt --pages");
+    for (key, expected) in [("triangles", 512), ("vertices", 289), ("components", 1), ("wedges", 324)] {
+        assert_eq!(info[key], expected, "{key}: {CHANGED}");
+    }
+    assert_eq!(info["attributes"], serde_json::json!(["normals", "colours", "texture_coordinates", "materials"]));
+    let model = Model::open(&LocalDisk, &fixture).unwrap();
+    let appearance = &model.appearance().unwrap().appearance;
+    let materials: Vec<_> = appearance
+        .materials
+        .iter()
+        .map(|material| (material.name.as_str(), material.base_colour, material.image))
+        .collect();
+    assert_eq!(materials, [("skin", Some([1.0, 0.5, 0.25, 1.0]), Some(0)), ("roof", None, Some(1))]);
+    let mut image = Vec::new();
+    let is_there = model.image::<StorageError>(0, |chunk| {
+        image.extend_from_slice(chunk);
+        Ok(())
+    });
+    assert!(is_there.unwrap() && image.starts_with(b"\x89PNG") && image.len() == 70, "{CHANGED}");
+    assert_eq!(appearance.images[1].source, ImageSource::Missing);
+
+    let cut = UniformCut::new(&model, 0.0).unwrap();
+    let wedges = CutWedges::of(&cut).unwrap().unwrap();
+    let mut vertices: Vec<[u32; 8]> = Vec::new();
+    wedges
+        .for_each_vertex(|position, wedge| -> Result<(), ModelError> {
+            let [x, y, z] = position.map(f32::to_bits);
+            let [u, v] = wedge.texture.map(i32::cast_unsigned);
+            let colour = u32::from_le_bytes(wedge.colour);
+            vertices.push([x, y, z, u, v, colour, wedge.material, wedge.normal.to_word()]);
+            Ok(())
+        })
+        .unwrap();
+    let mut triangles = Vec::new();
+    wedges
+        .for_each_triangle(|corners, _| -> Result<(), ModelError> {
+            let mut corners = corners.map(|corner| vertices[corner as usize]);
+            let smallest = (0..3).min_by_key(|corner| corners[*corner]).unwrap();
+            corners.rotate_left(smallest);
+            triangles.push(corners);
+            Ok(())
+        })
+        .unwrap();
+    triangles.sort_unstable();
+    let bytes = triangles.into_iter().flatten().flatten().flat_map(u32::to_le_bytes);
+    assert_eq!(fnv(bytes), CORNERS, "{CHANGED}");
+}
+
 /// Each command that reads a model refuses those that this version does not know, with what was found and what to do.
 #[test]
 fn other_versions_and_unknown_flags_are_refused_with_advice() {
@@ -87,7 +153,7 @@ fn other_versions_and_unknown_flags_are_refused_with_advice() {
         bytes[40..200].fill(0xab);
         refuse(&bytes, &[&found]);
     }
-    for flags in [1_u32, 0x8000_0000] {
+    for flags in [2_u32, 0x8000_0000] {
         let mut bytes = good.clone();
         bytes[12..16].copy_from_slice(&flags.to_le_bytes());
         let checksum = crc32fast::hash(&bytes[..252]);

@@ -64,11 +64,12 @@ fn write_all(place: &Workplace, files: Vec<(String, Vec<u8>)>) -> Vec<String> {
     files.into_iter().map(|(name, _)| name).collect()
 }
 
-/// Builds a model of each file, all the same; leaves `model.vdt`, which each file is checked against.
+/// Builds a model of each file, all the same; leaves `model.vdt`, which each file is checked against. Some of the files have normals
+/// and more beside the mesh: they are left out.
 fn assert_one_model(place: &Workplace, files: &[String]) {
-    let first = place.json(&format!("build --positions lossless {} -o model.vdt --force", files[0]));
+    let first = place.json(&format!("build --positions lossless --no-attributes {} -o model.vdt --force", files[0]));
     for file in files {
-        let built = place.json(&format!("build --positions lossless {file} -o other.vdt --force"));
+        let built = place.json(&format!("build --positions lossless --no-attributes {file} -o other.vdt --force"));
         assert_eq!(built["model_sha256"], first["model_sha256"], "{file} and {}", files[0]);
         assert!(place.read("other.vdt") == place.read("model.vdt"), "{file}");
         let verified = place.json(&format!("verify model.vdt --against {file}"));
@@ -104,6 +105,36 @@ fn generated_meshes_are_the_same_in_every_format() {
         files.extend(write_single_formats(&place, &mesh));
         assert_one_model(&place, &files);
         assert_gives_back(&place, &mesh);
+    }
+}
+
+/// The extension of an output says its format, and what is written in it is the same mesh.
+#[test]
+fn written_meshes_are_the_same_in_every_format() {
+    let place = workplace!();
+    for name in ["made.ply", "made.OBJ", "made.glb", "made"] {
+        place.json(&format!("generate sphere --triangles 3000 --seed 5 -o {name}"));
+    }
+    assert_eq!(place.read("made"), place.read("made.ply"));
+    assert!(place.read("made.OBJ").starts_with(b"# made by: vdt generate sphere"));
+    assert_one_model(&place, &["made.ply", "made.OBJ", "made.glb"].map(str::to_owned));
+    for cut in ["--triangles 700", "--camera 3,2,1,0,0,0 --pixels 4"] {
+        let extracted = ["cut.ply", "cut.obj", "cut.glb"].map(|name| {
+            let mut said = place.json(&format!("extract model.vdt -o {name} --force {cut}"));
+            let bytes = said["bytes"].take();
+            assert_eq!(bytes, place.read(name).len());
+            said.as_object_mut().unwrap().remove("peak_rss_bytes").unwrap();
+            said
+        });
+        assert!(extracted.iter().all(|said| *said == extracted[0]), "{extracted:?}");
+        for name in ["cut.obj", "cut.glb"] {
+            let same = place.json(&format!("compare cut.ply {name} --samples 100"));
+            assert!(same["hausdorff"].as_f64().unwrap() < 1e-12, "{same}");
+            assert_eq!(same["a_triangles"], same["b_triangles"]);
+        }
+    }
+    for name in ["cut.stl", "cut", "cut.ply.gz"] {
+        place.refuses(1, &format!("extract model.vdt -o {name} --error 0"), &[name, "ends in .ply, .obj or .glb"]);
     }
 }
 
@@ -248,4 +279,25 @@ fn what_is_extracted_builds_the_same_model() {
         let again = place.json("build --positions lossless back.ply -o again.vdt --force");
         assert_eq!(built["model_sha256"], again["model_sha256"], "{shape}");
     }
+}
+
+#[test]
+fn what_a_mesh_names_and_is_not_there_is_a_warning_and_no_error() {
+    let place = workplace!();
+    place.write("m.mtl", b"newmtl a\nmap_Kd gone.png\n");
+    let corners = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\n";
+    let faces = "usemtl a\nf 1/1 2/2 3/3\nf 1/1 3/3 4/2\n";
+    place.write("a.obj", format!("mtllib m.mtl n.mtl\n{corners}{faces}").as_bytes());
+    let built = place.json("build a.obj -o a.vdt");
+    let missing: Vec<&str> = built["warnings"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|warning| warning["kind"] == "missing_file")
+        .map(|warning| warning["path"].as_str().unwrap())
+        .collect();
+    assert_eq!(missing, ["gone.png", "n.mtl"]);
+    assert_eq!(built["attributes"], json!(["texture_coordinates", "materials"]));
+    let plain = place.json("build a.obj -o b.vdt --no-attributes");
+    assert_eq!((&plain["warnings"], &plain["attributes"]), (&json!([]), &json!([])));
 }

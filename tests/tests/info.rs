@@ -75,12 +75,13 @@ fn what_is_not_there_is_a_warning() {
 }
 
 #[test]
-fn attributes_that_are_wrong_are_told_by_info_and_do_not_hinder_a_build() {
+fn attributes_that_are_wrong_are_refused_and_a_build_can_leave_them_out() {
     let place = workplace!();
     place.write("mesh.obj", OBJ.replace("3/3/1", "3/9/1"));
     let expected = "mesh.obj: face 0, corner 2: it names texture coordinate 8, but the file has 3 (numbered from 0)";
     place.refuses(1, "info mesh.obj", &[expected]);
-    place.json("build mesh.obj -o mesh.vdt");
+    place.refuses(1, "build mesh.obj -o mesh.vdt", &[expected, "--no-attributes"]);
+    place.json("build mesh.obj -o mesh.vdt --no-attributes");
 }
 
 #[test]
@@ -177,7 +178,7 @@ fn the_figures_of_a_model() {
     for words in [
         "format version 3",
         "14 bits: rounded",
-        "normals, to 20 bits",
+        "normals, computed, to 20 bits",
         "blocking forest:8K,3",
         "left at 0.1 % of",
         "MiB",

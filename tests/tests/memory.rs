@@ -126,8 +126,9 @@ fn a_build_keeps_to_its_memory_whatever_the_format() {
         // A data URI is part of the document, which has to be in RAM.
         let document = document * place.read(file).len() as u64;
         let build = format!("build {file} -o new.vdt --force --memory {memory}");
-        let built = within(&place, memory + FOR_BUILD + document, &build);
-        digests.push(built["model_sha256"].clone());
+        within(&place, memory + FOR_BUILD + document, &build);
+        // Some of the formats give the triangles' normals, others do not.
+        digests.push(place.json(&format!("{build} --no-attributes"))["model_sha256"].clone());
     }
     assert!(digests.iter().all(|digest| *digest == digests[0]));
 }

@@ -84,6 +84,26 @@ fn a_lattice_of_its_own_is_kept_whatever_is_asked_for() {
     assert_eq!((&built["positions"], number(&built, "lattice_step")), (&"lossless".into(), 0.0));
 }
 
+/// Decimals need no more bits than they have digits, if not all of them are some.
+#[test]
+fn decimals_are_small() {
+    let place = workplace!();
+    let mut mesh = sphere(5, 0.1, 8);
+    mesh.positions.iter_mut().flatten().for_each(|value| *value *= 0.037);
+    let size = |mesh: &RawMesh| {
+        place.write("mesh.ply", ply(mesh, Encoding::LittleEndian, Coordinates::Float));
+        let built = place.json("build mesh.ply -o m.vdt --force --positions lossless");
+        place.json("verify m.vdt --against mesh.ply");
+        assert_eq!((&built["positions"], number(&built, "lattice_step")), (&"lossless".into(), 0.0));
+        number(&built, "model_bytes") / mesh.positions.len() as f64
+    };
+    let as_they_are = size(&mesh);
+    mesh.positions.iter_mut().flatten().for_each(|value| *value = (*value * 1e5).round() / 1e5);
+    mesh.positions[7] = [0.012_345_678; 3];
+    let decimals = size(&mesh);
+    assert!(decimals < as_they_are - 3.0, "{decimals} and {as_they_are} bytes for a vertex");
+}
+
 /// A ribbon beside a plate, thinner than a step of the lattice: it vanishes, and is in the input error all the same.
 #[test]
 fn what_vanishes_on_the_lattice_is_told() {

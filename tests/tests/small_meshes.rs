@@ -194,7 +194,12 @@ fn two_triangles() {
 
 #[test]
 fn one_closed_tetrahedron() {
-    go(&of(&CORNERS, &[[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]), 1);
+    let place = go(&of(&CORNERS, &[[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]), 1);
+    // Tables of its own would be larger than all the rest.
+    let info = place.json("info model.vdt");
+    assert_eq!(info["coder_contexts_of_its_own"], 0);
+    assert!(info["model_bytes"].as_u64() < Some(420), "{info}");
+    assert!(place.run("info model.vdt").success().contains("the built-in ones"));
 }
 
 #[test]

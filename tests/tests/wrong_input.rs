@@ -379,7 +379,7 @@ fn outputs_that_exist() {
         place.refuses(1, &format!("{command} {folder}"), &[&folder, "directory"]);
         place.refuses(1, &format!("{command} {folder} --force"), &[&folder, "directory"]);
     }
-    place.refuses(1, "extract box.vdt --error 0 -o mesh.obj", &["mesh.obj", "PLY"]);
+    place.refuses(1, "extract box.vdt --error 0 -o mesh.stl", &["mesh.stl", "PLY"]);
     place.refuses(1, "extract box.vdt --error 0 -o mesh", &["mesh", "PLY"]);
     // A demo makes its folder, but not out of a file.
     place.refuses(1, "demo --triangles 100 --frames 2 -o box.ply", &["box.ply"]);

@@ -20,7 +20,7 @@ use crate::ingest::{self, CleaningCounts, FileCounts, IngestPlan, KeptMesh, Posi
 use crate::mesh::MeshError;
 use crate::simplify::log::{KeptSimplified, Simplified};
 use crate::simplify::{self, SimplifyError, SimplifyOptions, SpannedCounters};
-use crate::tree::{ErrorBound, FinishError, Metric, Positions, StoredTree, Strategy, finish};
+use crate::tree::{AttributeKinds, ErrorBound, FinishError, Metric, Positions, StoredTree, Strategy, finish};
 
 /// How a tree is to be built.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,6 +39,8 @@ pub struct BuildOptions {
     pub edge_tree: EdgeTreeKind,
     /// How positions are kept.
     pub positions: PositionsRule,
+    /// Whether normals, colours, texture coordinates and materials of the files are kept.
+    pub attributes: bool,
 }
 
 /// The phases of a build.
@@ -159,6 +161,10 @@ pub struct BuildReport {
     pub lattice_step: f32,
     /// No point of a triangle in the files is farther than this from the mesh that was simplified, in mesh units.
     pub input_error: f32,
+    /// Which attributes were kept.
+    pub attributes: AttributeKinds,
+    /// What the files name and is not there, without which the mesh is still one: libraries of materials, images.
+    pub missing_files: Vec<PathBuf>,
     /// Rounds of collapses that kept all legality tests (1 with [`Strategy::Btree`]).
     pub rounds: u32,
     /// Collapses that kept all legality tests.
@@ -202,8 +208,8 @@ fn bound_nanoseconds(bound: ErrorBound) -> f64 {
     }
 }
 
-/// Says beforehand what a build of files that hold this much is going to take.
-pub fn estimate(counts: FileCounts, options: &BuildOptions) -> Estimate {
+/// Says beforehand what a build of files that hold this much is going to take, with these attributes.
+pub fn estimate(counts: FileCounts, kinds: AttributeKinds, options: &BuildOptions) -> Estimate {
     let memory = options.memory.0;
     let in_core = counts.triangles * (CORE_BYTES + simplify::bound_bytes(options.error_bound));
     let is_external = in_core > memory;
@@ -215,6 +221,7 @@ pub fn estimate(counts: FileCounts, options: &BuildOptions) -> Estimate {
     };
     let reading = ingest::smallest_memory(
         counts,
+        options.attributes && !kinds.is_empty(),
         simplify::block_triangles(options.memory, options.threads, options.error_bound),
     )
     .0;
@@ -232,7 +239,7 @@ pub fn estimate(counts: FileCounts, options: &BuildOptions) -> Estimate {
 }
 
 /// The version of the records in the files of a checkpoint. Those of another one are not taken up.
-const RECORDS_VERSION: u32 = 2;
+const RECORDS_VERSION: u32 = 3;
 
 /// A checkpoint, as the scratch has it.
 #[derive(Debug, Serialize, Deserialize)]
@@ -263,7 +270,7 @@ pub fn build(
     resumed: Option<serde_json::Value>,
     progress: &mut (dyn FnMut(Step) + Send),
 ) -> Result<(StoredTree, BuildReport), BuildError> {
-    let BuildOptions { memory, threads, metric, strategy, error_bound, edge_tree, positions } = *options;
+    let BuildOptions { memory, threads, metric, strategy, error_bound, edge_tree, positions, attributes } = *options;
     let mut phases = Vec::new();
     let saved = resumed.and_then(|state| serde_json::from_value::<Saved>(state).ok());
     let saved = saved.filter(|saved| saved.records_version == RECORDS_VERSION);
@@ -276,7 +283,7 @@ pub fn build(
             progress(Step { phase: Phase::Reading, share: 0.0, triangles: 0 });
             let watch = PhaseWatch::start();
             let block_triangles = simplify::block_triangles(memory, threads, error_bound);
-            let plan = IngestPlan { memory, threads, block_triangles, positions };
+            let plan = IngestPlan { memory, threads, block_triangles, positions, attributes };
             let mut mesh = ingest::store(disk, scratch, paths, &plan, &mut |share| {
                 progress(Step { phase: Phase::Reading, share, triangles: 0 });
             })?;
@@ -321,6 +328,8 @@ pub fn build(
         positions: mesh.kept_as,
         lattice_step: mesh.lattice_step,
         input_error: mesh.input_error,
+        attributes: mesh.attributes.as_ref().map(|attributes| attributes.appearance.kinds).unwrap_or_default(),
+        missing_files: mesh.missing_files.clone(),
         rounds: simplified.rounds,
         legal_collapses: simplified.legal_collapses,
         end_phase_collapses: simplified.log.len() - simplified.legal_collapses,

@@ -165,6 +165,7 @@ fn measure_mesh(
         error_bound: ErrorBound::default(),
         edge_tree: EdgeTreeKind::default(),
         positions: options.positions,
+        attributes: false,
     };
     let disk = Arc::new(LocalDisk);
     let (scratch, _) = Scratch::open(disk.clone(), &workshop.folder().join("scratch"), "")?;

@@ -13,7 +13,7 @@ use metanode::{Statement, UniformCut, error_for_triangles};
 use navigator::{Camera, Dependency, Io, Navigator, NavigatorOptions};
 use storage::LocalDisk;
 use vdt::mesh::MeshError;
-use vdt::mesh::ply_writer::{CoordinateType, PlyLayout, PlyWriter};
+use vdt::mesh::writer::{CoordinateType, MeshLayout, MeshWriter, OutputFormat};
 
 /// The shares of the triangles that cuts have, from the finest to the coarsest.
 const SHARES: [f64; 2] = [0.5, 0.005];
@@ -105,8 +105,8 @@ impl Cutter {
     fn uniform(&self, error: f32, path: &Path) -> Result<Cut> {
         let cut = UniformCut::new(&self.model, error)?;
         let mut writer = writer(path, cut.vertex_count(), cut.triangle_count())?;
-        cut.for_each_vertex(|position| -> Result<()> { Ok(writer.vertex(self.placed(position))?) })?;
-        cut.for_each_triangle(|corners| -> Result<()> { Ok(writer.triangle(corners)?) })?;
+        cut.for_each_vertex(|position| -> Result<()> { Ok(writer.vertex(self.placed(position), None)?) })?;
+        cut.for_each_triangle(|corners| -> Result<()> { Ok(writer.triangle(corners, MeshWriter::NO_MATERIAL)?) })?;
         writer.finish()?;
         Ok(Cut { triangles: cut.triangle_count(), said: cut.statement()? })
     }
@@ -131,10 +131,10 @@ impl Cutter {
         let mut writer = writer(path, navigator.active_count() as u64, triangles)?;
         for (number, node) in (0..).zip(navigator.active_nodes()) {
             number_of[node.node as usize] = number;
-            writer.vertex(self.placed(node.position))?;
+            writer.vertex(self.placed(node.position), None)?;
         }
         navigator.triangles().try_for_each(|triangle| -> Result<(), MeshError> {
-            writer.triangle(triangle.nodes.map(|node| number_of[node as usize]))
+            writer.triangle(triangle.nodes.map(|node| number_of[node as usize]), MeshWriter::NO_MATERIAL)
         })?;
         writer.finish()?;
         Ok(Cut { triangles, said: navigator.statement() })
@@ -159,9 +159,16 @@ impl Cutter {
     }
 }
 
-fn writer(path: &Path, vertices: u64, triangles: u64) -> Result<PlyWriter> {
-    let layout = PlyLayout { vertices, triangles, coordinates: CoordinateType::Double, comments: Vec::new() };
-    Ok(PlyWriter::create(Arc::new(LocalDisk), path, layout)?)
+fn writer(path: &Path, vertices: u64, triangles: u64) -> Result<MeshWriter> {
+    let layout = MeshLayout {
+        vertices,
+        triangles,
+        coordinates: CoordinateType::Double,
+        origin: [0.0; 3],
+        comments: Vec::new(),
+        attributes: None,
+    };
+    Ok(MeshWriter::create(Arc::new(LocalDisk), path, OutputFormat::Ply, layout)?)
 }
 
 /// Pseudo-random numbers (SplitMix64).

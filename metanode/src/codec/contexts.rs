@@ -59,8 +59,12 @@ pub(crate) const SECOND_FREQUENT: Family =
 /// The third coordinate. Context also: how many of the others are.
 pub(crate) const THIRD_FREQUENT: Family =
     Family::after(SECOND_FREQUENT, super::frequent::OCTAVES * 3, super::frequent::SYMBOLS);
+/// Whether a coordinate is a fraction of the file's denominator, or how far beside one. Context: which coordinate, and how many
+/// before it are none.
+pub(crate) const FRACTION: Family =
+    Family::after(THIRD_FREQUENT, super::fractions::CONTEXTS, super::fractions::SYMBOLS);
 /// How many triangles a split bears in each orientation. Context: whether the page has children.
-pub(crate) const TRIANGLE_COUNT: Family = Family::after(THIRD_FREQUENT, 2, 5);
+pub(crate) const TRIANGLE_COUNT: Family = Family::after(FRACTION, 2, 5);
 /// First coordinate of a normal, less what is expected. Context: what the expectation is made of.
 pub(crate) const FIRST_NORMAL: Family =
     Family::after(TRIANGLE_COUNT, super::normals::CONTEXTS, super::normals::SYMBOLS);
@@ -73,8 +77,37 @@ pub(crate) const CONE: Family =
 /// How far the number of a leaf elsewhere is from that of one that is known. Context: how far that one is.
 pub(crate) const OUTSIDE: Family = Family::after(CONE, 8, 128);
 
+/// How many wedges a born leaf has. Context: how many the leaf onto which it is collapsed has.
+pub(crate) const WEDGE_COUNT: Family = Family::after(OUTSIDE, super::wedges::COUNT_LEVELS, super::wedges::PLACES);
+/// The image of a wedge. Context: its own place; how many there are to choose from.
+pub(crate) const WEDGE_IMAGE: Family =
+    Family::after(WEDGE_COUNT, super::wedges::COUNT_LEVELS * super::wedges::COUNT_LEVELS, super::wedges::PLACES);
+/// Whether a wedge has another material than its image. Context: whether it is the first one of its leaf.
+pub(crate) const MATERIAL: Family = Family::after(WEDGE_IMAGE, 2, 2);
+/// The material then.
+pub(crate) const MATERIAL_NUMBER: Family = Family::after(MATERIAL, 1, 64);
+/// The first coordinate of the way in the texture from an image to its wedge, as a class relative to what is expected.
+pub(crate) const TEXTURE_FIRST: Family = Family::after(MATERIAL_NUMBER, super::scale::CONTEXTS, super::scale::SYMBOLS);
+/// The second one. Context also: how large the first one is.
+pub(crate) const TEXTURE_SECOND: Family =
+    Family::after(TEXTURE_FIRST, super::scale::CONTEXTS * 4, super::scale::SYMBOLS);
+/// A colour channel, less what is expected. Context: which one; the difference of the one before.
+pub(crate) const COLOUR: Family = Family::after(TEXTURE_SECOND, 4 * super::wedges::LEVELS, super::wedges::DIFFERENCES);
+/// First coordinate of a wedge's normal, less that of the computed one. Context: whether the wedge is the first one of its leaf.
+pub(crate) const WEDGE_NORMAL_FIRST: Family =
+    Family::after(COLOUR, 2 * super::wedges::LEVELS, super::wedges::DIFFERENCES);
+/// Second coordinate. Context also: how far off the first one was.
+pub(crate) const WEDGE_NORMAL_SECOND: Family =
+    Family::after(WEDGE_NORMAL_FIRST, 2 * super::wedges::LEVELS, super::wedges::DIFFERENCES);
+/// How many more wedges turn into one of a subtree in a child page than leaves there are, or than one. Context: whether there are
+/// others of the same leaf.
+pub(crate) const SUBTREE_WEDGES: Family = Family::after(WEDGE_NORMAL_SECOND, 2, 64);
+/// Which wedge of its leaf a corner has. Context: how many there are; which corner; what was chosen last.
+pub(crate) const CORNER_WEDGE: Family =
+    Family::after(SUBTREE_WEDGES, super::wedges::COUNT_LEVELS * 3 * super::wedges::CHOICES, super::wedges::PLACES);
+
 /// All families.
-pub(crate) const FAMILIES: [Family; 16] = [
+pub(crate) const FAMILIES: [Family; 28] = [
     STRUCTURE,
     SUBTREE_SIZE,
     SUBTREE_RADIUS,
@@ -86,15 +119,27 @@ pub(crate) const FAMILIES: [Family; 16] = [
     FIRST_FREQUENT,
     SECOND_FREQUENT,
     THIRD_FREQUENT,
+    FRACTION,
     TRIANGLE_COUNT,
     FIRST_NORMAL,
     SECOND_NORMAL,
     CONE,
     OUTSIDE,
+    WEDGE_COUNT,
+    WEDGE_IMAGE,
+    MATERIAL,
+    MATERIAL_NUMBER,
+    TEXTURE_FIRST,
+    TEXTURE_SECOND,
+    COLOUR,
+    WEDGE_NORMAL_FIRST,
+    WEDGE_NORMAL_SECOND,
+    SUBTREE_WEDGES,
+    CORNER_WEDGE,
 ];
 
 /// How many contexts for symbols there are.
-pub(crate) const SYMBOL_CONTEXTS: usize = OUTSIDE.first + OUTSIDE.contexts;
+pub(crate) const SYMBOL_CONTEXTS: usize = CORNER_WEDGE.first + CORNER_WEDGE.contexts;
 
 /// The contexts of decisions: on the way down to a corner, on the way up from a node, and in a subtree elsewhere.
 pub(crate) const DOWN: usize = 0;
@@ -110,3 +155,11 @@ pub(crate) const FIRST_LEAF: usize = UP + UP_CONTEXTS;
 pub(crate) const SIGN: usize = FIRST_LEAF + 3;
 /// How many contexts for decisions there are.
 pub(crate) const DECISION_CONTEXTS: usize = SIGN + 2;
+
+/// All families of decisions.
+pub(crate) const DECISIONS: [Family; 4] = [
+    Family { first: DOWN, contexts: DOWN_CONTEXTS, symbols: 2 },
+    Family { first: UP, contexts: UP_CONTEXTS, symbols: 2 },
+    Family { first: FIRST_LEAF, contexts: SIGN - FIRST_LEAF, symbols: 2 },
+    Family { first: SIGN, contexts: DECISION_CONTEXTS - SIGN, symbols: 2 },
+];

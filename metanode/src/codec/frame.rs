@@ -8,7 +8,7 @@
 //! 2      records
 //! 2      how many of them are roots of the page
 //! 2      child pages
-//! 2      zero
+//! 2      wedges beyond one for each record; 0 where there are no seams
 //! 4      born triangles
 //!        where there are child pages:
 //! 4        number of the first one
@@ -26,6 +26,7 @@ use super::nodes::{BORN, ELSEWHERE, KEPT, LEAF};
 use super::{Decoder, FieldBits, Measured, PageCoder, Shape, Tables, cones};
 use crate::header::ModelRoot;
 use crate::page::{CHILD_PAGE_WORDS, HEADER_WORDS, NONE_16, NONE_32, Page, PageCounts, PageError, PageLocation, pack};
+use crate::wedges::{RootWedges, WedgeLayout};
 
 /// Bytes in front of the child pages.
 const HEAD_BYTES: usize = 24;
@@ -43,6 +44,8 @@ pub(crate) struct Head {
     pub parent: u32,
     pub records: u16,
     pub root_count: u16,
+    /// Wedges beyond one for each record.
+    pub more_wedges: u16,
     pub triangles: u32,
     pub first_child: u32,
     pub first_child_offset: u64,
@@ -59,16 +62,19 @@ impl Head {
         u32::from_le_bytes([start[8], start[9], start[10], start[11]])
     }
 
-    /// The counts of the decoded page. Each record but the roots of the page has an entry that leads to it; the others lead
-    /// into child pages.
-    pub fn counts(&self) -> PageCounts {
+    /// The counts of the decoded page, of a model whose wedges lie like this. Each record but the roots of the page has an entry that
+    /// leads to it; the others lead into child pages.
+    pub fn counts(&self, layout: WedgeLayout) -> PageCounts {
         let below: usize = self.children.iter().map(|(_, entries)| usize::from(*entries)).sum();
         let inside = self.records.saturating_sub(self.root_count);
+        let wedges = usize::from(self.records) + usize::from(self.more_wedges);
         PageCounts {
             children: self.children.len(),
             records: self.records.into(),
             entries: usize::from(inside) + below,
             triangles: self.triangles as usize,
+            wedges: if layout.kinds.is_empty() { 0 } else { wedges },
+            layout,
         }
     }
 
@@ -85,7 +91,7 @@ impl Head {
         bytes.extend(self.parent.to_le_bytes());
         let length = Head::bytes_around(self.children.len()) + fields.len();
         bytes.extend((length as u32).to_le_bytes());
-        for half in [self.records, self.root_count, self.children.len() as u16, 0] {
+        for half in [self.records, self.root_count, self.children.len() as u16, self.more_wedges] {
             bytes.extend(half.to_le_bytes());
         }
         bytes.extend(self.triangles.to_le_bytes());
@@ -119,17 +125,11 @@ impl Head {
         self.number = word(0);
         self.parent = word(4);
         (self.records, self.root_count, self.triangles) = (half(12), half(14), word(20));
+        self.more_wedges = half(18);
         (self.first_child, self.first_child_offset) = (0, 0);
         self.children.clear();
         if word(8) as usize != bytes.len() {
             return Err(PageError::Length { found: bytes.len(), expected: word(8) as usize });
-        }
-        if half(18) != 0 {
-            return Err(PageError::Field {
-                what: "header",
-                index: 18,
-                problem: "two bytes that are always 0 are not".into(),
-            });
         }
         if children > 0 {
             let expected = Head::bytes_around(children);
@@ -152,7 +152,7 @@ impl Head {
     }
 
     /// What can be told to be wrong before anything is decoded.
-    fn check(&self, location: PageLocation, ancestors: &[&Page]) -> Result<(), PageError> {
+    fn check(&self, location: PageLocation, ancestors: &[&Page], layout: WedgeLayout) -> Result<(), PageError> {
         let wrong = |index, problem: String| Err(PageError::Field { what: "header", index, problem });
         let (number, first_child, children) = (self.number, self.first_child, self.children.len() as u32);
         if number != location.number {
@@ -165,6 +165,9 @@ impl Head {
         }
         if self.records == 0 || self.root_count == 0 || self.root_count > self.records {
             return wrong(12, format!("{} roots among {} records", self.root_count, self.records));
+        }
+        if self.more_wedges > 0 && !layout.has_seams {
+            return wrong(18, format!("{} more wedges than records, where there are no seams", self.more_wedges));
         }
         if children > 0 && (first_child <= number || first_child.checked_add(children).is_none()) {
             return wrong(24, format!("the first of {children} children is meta-node {first_child}"));
@@ -191,6 +194,8 @@ pub(crate) struct Context<'a, F> {
     pub ancestors: &'a [&'a Page],
     pub shape: &'a Shape,
     pub tables: &'a Tables,
+    /// The wedges of the trees' first leaves.
+    pub root_wedges: &'a RootWedges,
     /// The trees that begin in a page, by ascending record.
     pub trees: F,
 }
@@ -218,6 +223,7 @@ impl PageDecoder {
         if result.is_err() {
             page.clear();
             self.coder.nodes.clear();
+            self.coder.wedges.clear();
         }
         result
     }
@@ -230,15 +236,17 @@ impl PageDecoder {
     ) -> Result<(), PageError> {
         let PageDecoder { coder, head, .. } = self;
         let coded = head.parse(bytes)?;
-        head.check(context.location, context.ancestors)?;
+        head.check(context.location, context.ancestors, context.shape.wedges)?;
         let (records, root_count) = (usize::from(head.records), usize::from(head.root_count));
-        let least =
-            PageCounts { children: head.children.len(), records, entries: 0, triangles: head.triangles as usize };
-        page.check_size(&least)?;
+        let layout = context.shape.wedges;
+        let counts = head.counts(layout);
+        page.check_size(&PageCounts { entries: 0, ..counts })?;
         let number = head.number;
         coder.nodes.begin(context.ancestors, number, root_count, &context.trees, context.shape)?;
+        coder.wedges.begin(context.ancestors, layout);
         let fields = &mut coder.fields;
         fields.clear();
+        fields.most_wedges = counts.wedges;
         fields.root_count = root_count;
         fields.children.extend(head.children.iter().map(|(_, entries)| *entries));
         fields.kinds.resize(records, 0);
@@ -250,8 +258,15 @@ impl PageDecoder {
             return Err(PageError::Length { found: coded.len(), expected: 12 });
         };
         match &mut self.sizes {
-            None => coder.code(&mut decoder, context.shape)?,
-            Some(sizes) => coder.code(&mut Measured::new(&mut decoder, context.tables, sizes), context.shape)?,
+            None => coder.code(&mut decoder, context.shape, context.root_wedges)?,
+            Some(sizes) => {
+                let mut measured = Measured::new(&mut decoder, context.tables, sizes);
+                coder.code(&mut measured, context.shape, context.root_wedges)?;
+            }
+        }
+        if coder.wedges.of_page().len() != counts.wedges {
+            let problem = format!("{} wedges, where the page has {}", counts.wedges, coder.wedges.of_page().len());
+            return Err(PageError::Field { what: "header", index: 18, problem });
         }
         if !decoder.is_exact() {
             let problem = "what is coded does not end where it should".into();
@@ -274,6 +289,11 @@ impl PageDecoder {
         coder.targets(&trees, places)?;
         coder.write(head, places, context.shape, corners, page)
     }
+}
+
+/// What the corners of a triangle have, in the order of its orientation.
+fn oriented([kept, born, third]: [u32; 3], is_right: bool) -> [u32; 3] {
+    if is_right { [kept, third, born] } else { [kept, born, third] }
 }
 
 impl PageCoder {
@@ -328,7 +348,7 @@ impl PageCoder {
     ) -> Result<(), PageError> {
         let PageCoder { nodes, fields, .. } = self;
         let records = &nodes.all[nodes.first..];
-        let counts = self.counts();
+        let counts = self.counts(shape);
         page.check_size(&counts)?;
         let words = page.begin(counts);
         words.extend([head.number, head.parent]);
@@ -374,16 +394,42 @@ impl PageCoder {
         for ([left, right], start) in fields.counts.iter().zip(&fields.starts) {
             let start = *start as usize;
             corners.clear();
-            for (number, [kept, born, third]) in
-                fields.corners[start..start + (left + right) as usize].iter().enumerate()
-            {
-                let is_right = number >= *left as usize;
-                corners.push(if is_right { [*kept, *third, *born] } else { [*kept, *born, *third] });
+            for (number, corners_here) in fields.corners[start..start + (left + right) as usize].iter().enumerate() {
+                corners.push(oriented(*corners_here, number >= *left as usize));
             }
             corners.sort_unstable();
             words.extend(corners.as_flattened());
         }
+        if !shape.wedges.kinds.is_empty() {
+            self.write_wedges(shape, words);
+        }
         debug_assert_eq!(words.len(), counts.words());
         Ok(())
+    }
+
+    /// Writes down what stands behind the triangles.
+    fn write_wedges(&self, shape: &Shape, words: &mut Vec<u32>) {
+        let PageCoder { fields, wedges, .. } = self;
+        let layout = shape.wedges;
+        if layout.has_seams {
+            words.extend(wedges.firsts_of_page());
+        }
+        wedges.of_page().iter().for_each(|placed| layout.push(placed, words));
+        if layout.has_seams {
+            let mut triangles = Vec::new();
+            for ([left, right], start) in fields.counts.iter().zip(&fields.starts) {
+                let here = *start as usize..(start + left + right) as usize;
+                triangles.clear();
+                for (number, (corners, wedges)) in
+                    fields.corners[here.clone()].iter().zip(&wedges.corners[here]).enumerate()
+                {
+                    let is_right = number >= *left as usize;
+                    triangles.push((oriented(*corners, is_right), oriented(*wedges, is_right)));
+                }
+                // As the triangles were.
+                triangles.sort_unstable();
+                triangles.iter().for_each(|(_, wedges)| words.extend(wedges));
+            }
+        }
     }
 }

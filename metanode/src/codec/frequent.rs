@@ -17,8 +17,9 @@ pub(super) const OCTAVES: usize = 24;
 /// Neighbours that are looked at, and how many of them follow each other.
 const SAMPLES: u64 = 1 << 18;
 const STRETCH: u64 = 1 << 10;
-/// A number is frequent if one of so many is it.
+/// A number is frequent if one of so many is it, and it comes so often at least: each costs bytes in the file.
 const ONE_OF: u64 = 200;
+const FEWEST: u64 = 64;
 
 /// The frequent numbers of a file, ascending; whether they are negative is said apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,35 +64,50 @@ impl Frequent {
         self.numbers().get(symbol - 1).copied()
     }
 
-    /// Looks for them: between leaves that follow each other, since half of them are children of one node. All positions are on
-    /// a lattice with this step.
-    pub fn find(positions: &Spool<[f32; 3]>, step: f32) -> Result<Self, StorageError> {
-        let stretches = (SAMPLES / STRETCH).min(positions.len().div_ceil(STRETCH)).max(1);
+    /// Looks for them: between leaves that follow each other, since half of them are children of one node. `numbers_of` has
+    /// the whole numbers that positions are, where they are some.
+    pub fn find(
+        positions: &Spool<[f32; 3]>,
+        numbers_of: impl Fn([f32; 3]) -> [Option<i32>; 3],
+    ) -> Result<Self, StorageError> {
         let mut numbers = Vec::new();
-        let mut stretch = vec![[0.0; 3]; STRETCH as usize];
-        for index in 0..stretches {
-            // Evenly over all, whatever their number.
-            let start =
-                (positions.len().saturating_sub(STRETCH) as u128 * u128::from(index) / u128::from(stretches)) as u64;
-            let count = (positions.len() - start).min(STRETCH) as usize;
-            positions.read_at(start, &mut stretch[..count])?;
-            for pair in stretch[..count].windows(2) {
-                let [a, b] = [pair[0], pair[1]].map(|place: [f32; 3]| place.map(|value| (value / step).round() as i32));
-                numbers.extend((0..3).map(|axis| b[axis].wrapping_sub(a[axis]).unsigned_abs()));
+        for_each_stretch(positions, SAMPLES, |stretch| {
+            for pair in stretch.windows(2) {
+                let [a, b] = [pair[0], pair[1]].map(&numbers_of);
+                let along = |axis: usize| Some(b[axis]?.wrapping_sub(a[axis]?).unsigned_abs());
+                numbers.extend((0..3).filter_map(along));
             }
-        }
+        })?;
         numbers.sort_unstable();
         let all = numbers.len() as u64;
         let mut frequent: Vec<(u64, u32)> = numbers
             .chunk_by(|a, b| a == b)
             .map(|same| (same.len() as u64, same[0]))
-            .filter(|(count, _)| *count * ONE_OF >= all)
+            .filter(|(count, _)| *count * ONE_OF >= all && *count >= FEWEST)
             .collect();
         frequent.sort_unstable_by_key(|(count, number)| (u64::MAX - count, *number));
         let mut numbers: Vec<u32> = frequent.into_iter().take(MOST).map(|(_, number)| number).collect();
         numbers.sort_unstable();
         Ok(Frequent::new(&numbers).unwrap_or(Frequent::NONE))
     }
+}
+
+/// Reads some of the positions, `most` at most: stretches evenly over all, whatever their number.
+pub(super) fn for_each_stretch(
+    positions: &Spool<[f32; 3]>,
+    most: u64,
+    mut visit: impl FnMut(&[[f32; 3]]),
+) -> Result<(), StorageError> {
+    let stretches = (most / STRETCH).min(positions.len().div_ceil(STRETCH)).max(1);
+    let mut stretch = vec![[0.0; 3]; STRETCH as usize];
+    for index in 0..stretches {
+        let start =
+            (positions.len().saturating_sub(STRETCH) as u128 * u128::from(index) / u128::from(stretches)) as u64;
+        let count = (positions.len() - start).min(STRETCH) as usize;
+        positions.read_at(start, &mut stretch[..count])?;
+        visit(&stretch[..count]);
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -102,12 +118,13 @@ mod tests {
     fn a_grid_shows() {
         let positions = (0..5000_u32)
             .map(|index| [(index % 70) as f32 * 30.0, (index / 70) as f32 * 30.0, (index * index % 977) as f32]);
-        let frequent = Frequent::find(&Spool::from_vec(positions.collect()), 1.0).unwrap();
+        let whole = |position: [f32; 3]| position.map(|value| Some(value as i32));
+        let frequent = Frequent::find(&Spool::from_vec(positions.collect()), whole).unwrap();
         assert!(frequent.numbers().contains(&30) && frequent.numbers().contains(&0), "{frequent:?}");
         assert_eq!(frequent.number(frequent.symbol(30)), Some(30));
         assert_eq!((frequent.symbol(31), frequent.symbol(1 << 40)), (0, 0));
         let noise = (0..5000_u32).map(|index| [(index.wrapping_mul(index).wrapping_mul(0x9e37_79b1) >> 10) as f32; 3]);
-        assert!(Frequent::find(&Spool::from_vec(noise.collect()), 1.0).unwrap().is_empty());
+        assert!(Frequent::find(&Spool::from_vec(noise.collect()), whole).unwrap().is_empty());
     }
 
     #[test]

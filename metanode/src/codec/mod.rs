@@ -13,13 +13,16 @@
 //! | `triangles`, `paths` | corners, as ways through the tree | where a corner is likely to be |
 //! | `normals` | normals | the page's own triangles |
 //! | `cones` | normal cones | the cones below, the normals |
+//! | `wedges` | attributes of corners | those of the leaf that the born one is collapsed onto |
 //!
 //! | module | what else there is |
 //! |---|---|
 //! | `rans` | the entropy coder |
 //! | `raw` | bits without a model |
 //! | `tables` | probabilities, counted once for a file |
+//! | `built_in` | probabilities for where that is not worth it |
 //! | `contexts` | how many contexts there are of each kind |
+//! | `fractions` | coordinates that are fractions of one denominator |
 //! | `frequent` | numbers that come again and again |
 //! | `scale` | numbers whose size is roughly known |
 //! | `sizes` | how many bits each kind of field takes |
@@ -31,8 +34,10 @@
 //! A page that was altered gives an error or a page that is consistent within itself; never a panic, an endless loop or more
 //! memory than the largest page may take.
 
+mod built_in;
 mod cones;
 mod contexts;
+mod fractions;
 mod frame;
 mod frequent;
 mod nodes;
@@ -49,20 +54,29 @@ mod tables;
 #[cfg(test)]
 mod tests;
 mod triangles;
+mod wedges;
+
+use storage::StorageError;
+use vdt::tree::StoredTree;
 
 use crate::page::{PageCounts, PageError};
+use crate::wedges::{RootWedges, WedgeLayout};
 
 use nodes::{BORN, ELSEWHERE, KEPT, LEAF, Nodes};
 
+#[cfg(test)]
+pub(crate) use built_in::to_bytes as built_in_to_bytes;
 pub(crate) use cones::class_for;
 pub(crate) use frame::{CHECKSUM_BYTES, Context, Head, PageDecoder};
 pub(crate) use frequent::Frequent;
 pub(crate) use nodes::Node;
 pub(crate) use rans::{Coder, Decoder, Encoder, Uncounted};
+pub(crate) use scale::logarithm;
 pub use sizes::FieldBits;
 pub(crate) use sizes::Measured;
 pub(crate) use structure::{KIND_BELOW, KIND_HERE, radius_class};
 pub(crate) use tables::{BadTables, Classes, Counts, Tables};
+pub(crate) use wedges::KnownWedge;
 
 /// What pages of a model have in common.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,18 +85,67 @@ pub(crate) struct Shape {
     pub exponent: i32,
     /// The step of the lattice that all positions are on, in mesh units; 0 where there is none.
     pub lattice_step: f32,
-    /// Numbers that many displacements have for coordinates, in steps of the lattice.
+    /// What numbers coordinates are.
+    pub numbers: Numbers,
+    /// What wedges are made of.
+    pub wedges: WedgeLayout,
+    /// How long displacements in the texture are, in steps, for those of the leaves, in mesh units: the logarithm of their ratio, in
+    /// 32nds of an octave.
+    pub texture_density: i32,
+}
+
+/// What numbers the coordinates of a model are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Numbers {
+    /// The denominator of which most of them are fractions, where there is no lattice; 0 where there is none either.
+    pub denominator: f32,
+    /// Those that many displacements have, in steps of the lattice or numerators of the fractions.
     pub frequent: Frequent,
 }
 
+impl Numbers {
+    /// Any.
+    pub const ANY: Numbers = Numbers { denominator: 0.0, frequent: Frequent::NONE };
+}
+
 impl Shape {
-    /// A position on the lattice. In double precision: a quotient above 2^22 would be rounded in single precision.
+    /// Of a tree, but for its textures: looks for what its positions have in common.
+    pub fn of(tree: &StoredTree) -> Result<Self, StorageError> {
+        let StoredTree { positions, exponent, lattice_step, .. } = tree;
+        let mut shape = Shape {
+            exponent: *exponent,
+            lattice_step: *lattice_step,
+            numbers: Numbers::ANY,
+            wedges: WedgeLayout::of(tree),
+            texture_density: 0,
+        };
+        if *lattice_step == 0.0 {
+            shape.numbers.denominator = fractions::denominator(positions)?;
+        }
+        if *lattice_step > 0.0 || shape.numbers.denominator > 0.0 {
+            shape.numbers.frequent = Frequent::find(positions, |position| {
+                let steps = shape.steps(position);
+                std::array::from_fn(|axis| shape.is_whole(position[axis], steps[axis]).then_some(steps[axis]))
+            })?;
+        }
+        Ok(shape)
+    }
+
+    /// The whole numbers that come nearest to a position, on the lattice or as numerators. In double precision: a quotient
+    /// above 2^22 would be rounded in single precision.
     fn steps(&self, position: [f32; 3]) -> [i32; 3] {
         if self.lattice_step > 0.0 {
             position.map(|value| (f64::from(value) / f64::from(self.lattice_step)).round() as i32)
+        } else if self.numbers.denominator > 0.0 {
+            position.map(|value| fractions::nearest(value, self.numbers.denominator))
         } else {
             [0; 3]
         }
+    }
+
+    /// Whether a coordinate can be coded as the whole number that comes nearest to it.
+    fn is_whole(&self, coordinate: f32, step: i32) -> bool {
+        self.lattice_step > 0.0 || fractions::offset(coordinate, step, self.numbers.denominator).is_some()
     }
 }
 
@@ -141,13 +204,25 @@ pub(crate) struct Fields {
     pub normals: Vec<u32>,
     /// For each child that splits the class of its cone.
     pub cones: Vec<u8>,
+    /// For each record where its wedges begin among all. Not used to decode, like what follows.
+    pub wedge_firsts: Vec<u32>,
+    pub wedges: Vec<KnownWedge>,
+    /// For each triangle the numbers of its corners' wedges, as `corners` has the corners.
+    pub corner_wedges: Vec<[u32; 3]>,
+    /// There are no more wedges than this.
+    pub most_wedges: usize,
 }
 
 impl Fields {
     /// Forgets all but the room.
     pub fn clear(&mut self) {
-        let Fields { children, root_count, kinds, below, ids, places, counts, starts, corners, normals, cones } = self;
-        *root_count = 0;
+        let Fields { children, root_count, kinds, below, ids, places, counts, starts, corners, normals, cones, .. } =
+            self;
+        let Fields { wedge_firsts, wedges, corner_wedges, most_wedges, .. } = self;
+        (*root_count, *most_wedges) = (0, usize::MAX);
+        wedge_firsts.clear();
+        wedges.clear();
+        corner_wedges.clear();
         children.clear();
         kinds.clear();
         below.clear();
@@ -161,6 +236,15 @@ impl Fields {
     }
 }
 
+impl Fields {
+    /// What a writer knows of the wedges of a record.
+    fn wedges_of(&self, record: usize) -> &[KnownWedge] {
+        let Some(first) = self.wedge_firsts.get(record) else { return &[] };
+        let end = self.wedge_firsts.get(record + 1).map_or(self.wedges.len(), |end| *end as usize);
+        &self.wedges[*first as usize..end]
+    }
+}
+
 /// Codes pages.
 #[derive(Debug, Default)]
 pub(crate) struct PageCoder {
@@ -169,12 +253,15 @@ pub(crate) struct PageCoder {
     triangles: triangles::Scratch,
     normals: normals::Scratch,
     cones: cones::Scratch,
+    pub wedges: wedges::State,
 }
 
 impl PageCoder {
     /// The counts of the page at hand.
-    pub fn counts(&self) -> PageCounts {
+    pub fn counts(&self, shape: &Shape) -> PageCounts {
         PageCounts {
+            wedges: self.wedges.of_page().len(),
+            layout: shape.wedges,
             children: self.fields.children.len(),
             records: self.fields.kinds.len(),
             entries: self.fields.ids.len(),
@@ -184,8 +271,8 @@ impl PageCoder {
 
     /// Codes the fields, of which a decoder only knows the counts of `children`, `root_count` and how many records there are.
     /// The roots of the page are the last of the nodes.
-    pub fn code<C: Coder>(&mut self, coder: &mut C, shape: &Shape) -> Result<(), Damage> {
-        let PageCoder { nodes, fields, triangles, normals, cones } = self;
+    pub fn code<C: Coder>(&mut self, coder: &mut C, shape: &Shape, roots: &RootWedges) -> Result<(), Damage> {
+        let PageCoder { nodes, fields, triangles, normals, cones, wedges } = self;
         structure::code(coder, nodes, fields)?;
         order::code(coder, nodes, fields)?;
         positions::code(coder, nodes, fields, shape)?;
@@ -193,7 +280,7 @@ impl PageCoder {
         triangles::code(coder, nodes, fields, triangles)?;
         normals::code(coder, nodes, fields, triangles, normals)?;
         cones::code(coder, nodes, fields, cones);
-        Ok(())
+        wedges::code(coder, nodes, fields, &triangles.found, (shape, roots), wedges)
     }
 }
 

@@ -202,12 +202,27 @@ pub(super) fn reflected(normal: [f32; 3], d: [f32; 3]) -> [f32; 3] {
     if square > 0.0 && length > 0.0 { turned.map(|value| value / length) } else { normal }
 }
 
+/// A child that is in a child page.
+#[derive(Debug, Clone, Copy)]
+struct Leading {
+    /// The node that it is a child of, and on which side.
+    node: u32,
+    side: u8,
+    id: u32,
+    /// The child page, counted from 0, and the record there.
+    page: u16,
+    record: u16,
+}
+
 /// The nodes of the pages on a path, one page behind the other, and behind them those of the page at hand.
 #[derive(Debug, Default)]
 pub(crate) struct Nodes {
     pub all: Vec<Node>,
     /// For each page on the path its number, and where its nodes begin.
     pages: Vec<(u32, usize)>,
+    /// The children in child pages, of all pages on the path, one page behind the other; and where those of each begin.
+    leading: Vec<Leading>,
+    leading_starts: Vec<usize>,
     /// Where those of the page at hand begin.
     pub first: usize,
 }
@@ -234,10 +249,13 @@ impl Nodes {
             }
         }
         self.pages.truncate(known);
+        self.leading.truncate(self.leading_starts.get(known).copied().unwrap_or(self.leading.len()));
+        self.leading_starts.truncate(known);
         for (level, page) in ancestors.iter().enumerate().skip(known) {
             let parent = level.checked_sub(1).map(|above| ancestors[above]);
             let first = self.all.len();
             self.push_roots(parent, page.number(), page.root_count(), trees(page.number()), shape)?;
+            self.leading_starts.push(self.leading.len());
             self.push_others(page, first, shape);
             self.pages.push((page.number(), first));
         }
@@ -247,8 +265,12 @@ impl Nodes {
 
     /// Forgets all pages.
     pub fn clear(&mut self) {
-        *self = Nodes { all: std::mem::take(&mut self.all), ..Nodes::default() };
-        self.all.clear();
+        let Nodes { all, pages, leading, leading_starts, first } = self;
+        *first = 0;
+        all.clear();
+        pages.clear();
+        leading.clear();
+        leading_starts.clear();
     }
 
     /// The roots of a page: those that its parent, whose nodes are the last ones, leads to, and trees.
@@ -277,19 +299,12 @@ impl Nodes {
         if let Some(page) = parent
             && let Some(child) = page.children().position(|child| child.number == number)
         {
-            let above = first - page.counts().records;
-            for index in 0..page.counts().records {
-                let Some(record) = page.record(index as u16) else { break };
-                for (side, entry) in [record.kept, record.born].into_iter().enumerate() {
-                    if let Some(entry) = entry
-                        && let Target::ChildPage { child: page, record } = entry.target
-                        && usize::from(page) == child
-                    {
-                        let node = self.all[above + index].child((above + index) as u32, side);
-                        put(&mut self.all, record, Node { id: entry.id, ..node })?;
-                        self.all[above + index].children[side] = (first + usize::from(record)) as u32;
-                    }
-                }
+            let start = self.leading_starts.last().copied().unwrap_or(0);
+            for leading in self.leading[start..].iter().filter(|leading| usize::from(leading.page) == child) {
+                let Leading { node, side, id, record, .. } = *leading;
+                let below = self.all[node as usize].child(node, side.into());
+                put(&mut self.all, record, Node { id, ..below })?;
+                self.all[node as usize].children[usize::from(side)] = (first + usize::from(record)) as u32;
             }
         }
         match missing {
@@ -311,13 +326,18 @@ impl Nodes {
             for (side, entry) in [record.kept, record.born].into_iter().enumerate() {
                 let Some(entry) = entry else { continue };
                 self.all[place].radii[side] = entry.radius;
-                if let Target::SamePage { record } = entry.target {
-                    self.all[place].children[side] = (first + usize::from(record)) as u32;
-                    let child = self.all[place].child(place as u32, side);
-                    // Breadth-first: they come in the order in which they are referred to.
-                    self.all.push(Node { id: entry.id, ..child });
-                } else {
-                    self.all[place].children[side] = ELSEWHERE;
+                match entry.target {
+                    Target::SamePage { record } => {
+                        self.all[place].children[side] = (first + usize::from(record)) as u32;
+                        let child = self.all[place].child(place as u32, side);
+                        // Breadth-first: they come in the order in which they are referred to.
+                        self.all.push(Node { id: entry.id, ..child });
+                    }
+                    Target::ChildPage { child: page, record } => {
+                        self.all[place].children[side] = ELSEWHERE;
+                        let (node, side) = (place as u32, side as u8);
+                        self.leading.push(Leading { node, side, id: entry.id, page, record });
+                    }
                 }
             }
         }

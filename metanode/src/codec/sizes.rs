@@ -3,7 +3,7 @@
 //! A symbol of probability p takes -log2 p bits, so it is enough to look on while a page is decoded, by the same tables. What
 //! is missing to the page's bytes are the states of the coder and the rounding to whole bytes.
 
-use super::contexts::{CLASS_STEP, CONE, FIRST_COORDINATE, FIRST_NORMAL, OUTSIDE, SIGN, TRIANGLE_COUNT};
+use super::contexts::{CLASS_STEP, CONE, FIRST_COORDINATE, FIRST_NORMAL, OUTSIDE, SIGN, TRIANGLE_COUNT, WEDGE_COUNT};
 use super::rans::{Coder, Decoder, PRECISION, TOTAL};
 use super::tables::Tables;
 
@@ -22,12 +22,14 @@ pub struct FieldBits {
     pub normals: f64,
     /// Normal cones.
     pub cones: f64,
+    /// Attributes of corners.
+    pub attributes: f64,
 }
 
 impl FieldBits {
     /// All of them.
     pub fn total(&self) -> f64 {
-        self.structure + self.ids + self.positions + self.triangles + self.normals + self.cones
+        self.structure + self.ids + self.positions + self.triangles + self.normals + self.cones + self.attributes
     }
 
     fn of(&mut self, field: Field) -> &mut f64 {
@@ -38,6 +40,7 @@ impl FieldBits {
             Field::Triangles => &mut self.triangles,
             Field::Normals => &mut self.normals,
             Field::Cones => &mut self.cones,
+            Field::Attributes => &mut self.attributes,
         }
     }
 }
@@ -50,6 +53,7 @@ enum Field {
     Triangles,
     Normals,
     Cones,
+    Attributes,
 }
 
 impl Field {
@@ -62,7 +66,8 @@ impl Field {
             _ if context < FIRST_NORMAL.first => Field::Triangles,
             _ if context < CONE.first => Field::Normals,
             _ if context < OUTSIDE.first => Field::Cones,
-            _ => Field::Triangles,
+            _ if context < WEDGE_COUNT.first => Field::Triangles,
+            _ => Field::Attributes,
         }
     }
 }

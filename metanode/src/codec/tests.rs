@@ -4,16 +4,17 @@
 
 use proptest::prelude::*;
 
-use super::contexts::{DECISION_CONTEXTS, FAMILIES, FIRST_COORDINATE, SYMBOL_CONTEXTS};
+use super::contexts::{DECISION_CONTEXTS, DECISIONS, FAMILIES, FIRST_COORDINATE};
 use super::frequent::MOST;
 use super::rans::{Decoder, Encoder, TOTAL};
 use super::raw::RawWriter;
 use super::tables::{BadTables, Classes, Counts, Tables};
-use super::{Coder, Context, Frequent, PageDecoder, Shape, scale};
+use super::{Coder, Context, Frequent, Numbers, PageDecoder, Shape, scale};
 use crate::header::{Blocking, Header, ModelRoot};
 use crate::model::Model;
 use crate::page::{Page, PageError, PageLocation};
 use crate::testing::{self, Random, TreePlan, all_pages, model_bytes, open_bytes, random_tree};
+use crate::wedges::{RootWedges, WedgeLayout};
 
 /// Something to be coded.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -76,36 +77,46 @@ fn any_tables(random: &mut Random) -> Vec<u8> {
         number += 1 + random.below(1 << size) as u32;
         bits.push(32, number);
     }
+    let denominator = [0.0, 1e6, 0.5_f32][random.below(3)];
+    bits.push(1, (denominator > 0.0).into());
+    if denominator > 0.0 {
+        bits.push(32, denominator.to_bits());
+    }
     let is_dense = random.below(2) == 0;
     for family in FAMILIES {
-        for _ in 0..family.contexts {
-            let classes: Vec<u32> =
-                (0..family.symbols)
-                    .map(|_| {
-                        if is_dense || random.below(3) == 0 {
-                            random.below(LARGEST_CLASS as usize + 1) as u32
-                        } else {
-                            0
-                        }
-                    })
-                    .collect();
-            let is_seen = classes.iter().any(|class| *class > 0) && random.below(4) > 0;
-            bits.push(1, is_seen.into());
-            if is_seen {
-                for class in classes {
-                    bits.push(1, (class > 0).into());
-                    if class > 0 {
-                        bits.push(6, class);
-                    }
+        let contexts: Vec<Vec<u32>> = (0..family.contexts)
+            .map(|_| {
+                let is_written = random.below(4) > 0;
+                let class = |_| match is_written && (is_dense || random.below(3) == 0) {
+                    true => random.below(LARGEST_CLASS as usize + 1) as u32,
+                    false => 0,
+                };
+                (0..family.symbols).map(class).collect()
+            })
+            .collect();
+        let is_some = contexts.iter().flatten().any(|class| *class > 0) && random.below(4) > 0;
+        bits.push(1, is_some.into());
+        for classes in contexts.iter().filter(|_| is_some) {
+            let is_written = classes.iter().any(|class| *class > 0);
+            bits.push(1, is_written.into());
+            for class in classes.iter().filter(|_| is_written) {
+                bits.push(1, (*class > 0).into());
+                if *class > 0 {
+                    bits.push(6, *class);
                 }
             }
         }
     }
-    for _ in 0..DECISION_CONTEXTS {
-        let class = random.below(128) as u32;
-        bits.push(1, (class > 0).into());
-        if class > 0 {
-            bits.push(7, class);
+    for family in DECISIONS {
+        let is_some = random.below(3) > 0;
+        bits.push(1, is_some.into());
+        for context in 0..if is_some { family.contexts } else { 0 } {
+            // At least one.
+            let class = if context == 0 { 1 + random.below(127) } else { random.below(128) } as u32;
+            bits.push(1, (class > 0).into());
+            if class > 0 {
+                bits.push(7, class);
+            }
         }
     }
     let mut bytes = Vec::new();
@@ -239,10 +250,11 @@ proptest! {
         steps(random, 3000).iter().for_each(|step| {
             step.code(&mut counts);
         });
-        let unseen = Classes::unseen().to_bytes(&Frequent::NONE);
-        for bytes in [counts.classes().to_bytes(&Frequent::new(&[0, 5, u32::MAX]).unwrap()), any_tables(random), unseen] {
-            let (classes, frequent) = Classes::from_bytes(&bytes).unwrap();
-            prop_assert!(classes.to_bytes(&frequent) == bytes);
+        let unseen = Classes::unseen().to_bytes(Numbers::ANY);
+        let numbers = Numbers { denominator: 1e6, frequent: Frequent::new(&[0, 5, u32::MAX]).unwrap() };
+        for bytes in [counts.classes().to_bytes(numbers), any_tables(random), unseen] {
+            let (classes, numbers) = Classes::from_bytes(&bytes).unwrap();
+            prop_assert!(classes.to_bytes(numbers) == bytes);
             for length in [0, 1, random.below(bytes.len()), bytes.len() - 1] {
                 prop_assert_eq!(Classes::from_bytes(&bytes[..length]), Err(BadTables));
             }
@@ -254,7 +266,7 @@ proptest! {
                 let at = random.below(bytes.len());
                 altered[at] ^= 1 << random.below(8);
                 if let Ok((other, others)) = Classes::from_bytes(&altered) {
-                    prop_assert!((&other, others) != (&classes, frequent) && other.to_bytes(&others) == altered);
+                    prop_assert!((&other, others) != (&classes, numbers) && other.to_bytes(others) == altered);
                     // Whatever is taken can be coded with.
                     Tables::new(&other);
                 }
@@ -305,19 +317,22 @@ proptest! {
 
 #[test]
 fn tables_that_no_writer_writes_are_refused() {
-    let unseen = Classes::unseen().to_bytes(&Frequent::NONE);
-    assert_eq!(unseen.len(), (6 + SYMBOL_CONTEXTS + DECISION_CONTEXTS).div_ceil(8));
+    let unseen = Classes::unseen().to_bytes(Numbers::ANY);
+    let families = FAMILIES.len() + DECISIONS.len();
+    assert_eq!(unseen.len(), (6 + 1 + families).div_ceil(8));
     let with_first_context = |classes: &[u32]| {
         let mut bits = RawWriter::default();
+        // No frequent numbers, no denominator; the first family, and its first context.
         bits.push(6, 0);
-        bits.push(1, 1);
+        bits.push(1, 0);
+        bits.push(2, 3);
         for class in classes {
             bits.push(1, u32::from(*class != u32::MAX));
             if *class != u32::MAX {
                 bits.push(6, *class);
             }
         }
-        (0..SYMBOL_CONTEXTS - 1 + DECISION_CONTEXTS).for_each(|_| bits.push(1, 0));
+        (0..FAMILIES[0].contexts - 1 + families - 1).for_each(|_| bits.push(1, 0));
         let mut bytes = Vec::new();
         bits.finish(&mut bytes);
         Classes::from_bytes(&bytes)
@@ -330,11 +345,89 @@ fn tables_that_no_writer_writes_are_refused() {
     assert_eq!(with_first_context(&but_one(LARGEST_CLASS + 1)), Err(BadTables));
     assert_eq!(with_first_context(&but_one(0)), Err(BadTables));
     assert_eq!(with_first_context(&none), Err(BadTables));
+    // A denominator that is none.
+    for denominator in [0.0, -1.0, f32::NAN, f32::INFINITY, 1e-40] {
+        let mut bits = RawWriter::default();
+        bits.push(7, 1 << 6);
+        bits.push(32, denominator.to_bits());
+        (0..families).for_each(|_| bits.push(1, 0));
+        let mut bytes = Vec::new();
+        bits.finish(&mut bytes);
+        assert_eq!(Classes::from_bytes(&bytes), Err(BadTables));
+    }
     // The last bits are no part of any class.
-    if !(6 + SYMBOL_CONTEXTS + DECISION_CONTEXTS).is_multiple_of(8) {
+    if !(6 + 1 + families).is_multiple_of(8) {
         let mut altered = unseen.clone();
         *altered.last_mut().unwrap() |= 0x80;
         assert_eq!(Classes::from_bytes(&altered), Err(BadTables));
+    }
+}
+
+/// What symbols take by some tables, with the tables.
+fn bits_with(classes: &Classes, counts: &Counts) -> f64 {
+    let tables = Tables::new(classes);
+    let of = |parts: u32, count: u64| count as f64 * (12.0 - f64::from(parts).log2());
+    let symbols = FAMILIES
+        .into_iter()
+        .flat_map(|family| (family.first..family.first + family.contexts).map(move |context| (family, context)));
+    let symbols: f64 = symbols
+        .flat_map(|(family, context)| (0..family.symbols).map(move |symbol| (context, symbol)))
+        .map(|(context, symbol)| {
+            of(tables.interval(context, symbol) >> 16, counts.symbols[counts.symbols_of(context)][symbol])
+        })
+        .sum();
+    let decisions: f64 = (0..DECISION_CONTEXTS)
+        .map(|context| {
+            let (ones, [no, yes]) = (u32::from(tables.ones(context)), counts.decisions[context]);
+            of(ones, yes) + of(TOTAL - ones, no)
+        })
+        .sum();
+    symbols + decisions + 8.0 * classes.to_bytes(Numbers::ANY).len() as f64
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// Next to the built-in tables, to all of its own, and to all but one context of what was chosen or one more.
+    #[test]
+    fn a_file_has_the_tables_of_its_own_that_are_worth_it(seed in any::<u64>(), count in 0_usize..100_000) {
+        let random = &mut Random(seed);
+        let mut counts = Counts::new();
+        steps(random, count).iter().for_each(|step| {
+            step.code(&mut counts);
+        });
+        let (chosen, all) = (counts.classes_worth_writing(), counts.classes());
+        let taken = bits_with(&chosen, &counts);
+        // Bits that fill up the last byte.
+        let most = |other: &Classes| bits_with(other, &counts) + 8.0;
+        prop_assert!(taken <= most(&Classes::unseen()) && taken <= most(&all));
+        for _ in 0..20 {
+            let mut other = chosen.clone();
+            let family = FAMILIES[random.below(FAMILIES.len())];
+            let context = counts.symbols_of(family.first + random.below(family.contexts));
+            let is_written = other.symbols[context.clone()].iter().any(|class| *class > 0);
+            for symbol in context {
+                other.symbols[symbol] = if is_written { 0 } else { all.symbols[symbol] };
+            }
+            let decision = random.below(DECISION_CONTEXTS);
+            other.decisions[decision] = if other.decisions[decision] > 0 { 0 } else { all.decisions[decision] };
+            prop_assert!(taken <= most(&other));
+        }
+    }
+}
+
+/// The file is whole, and has something of every family but those that came after it was made.
+#[test]
+fn the_built_in_tables_are_there() {
+    let built_in = super::built_in::classes();
+    assert_ne!(built_in, Classes::unseen());
+    assert_eq!(super::built_in_to_bytes(&built_in)[2..], include_bytes!("built_in.tables")[2..]);
+    let tables = Tables::new(&Classes::unseen());
+    assert_eq!(tables.own_contexts(), 0);
+    for family in FAMILIES {
+        for context in family.first..family.first + family.contexts {
+            assert!((0..family.symbols).all(|symbol| tables.interval(context, symbol) >> 16 > 0));
+        }
     }
 }
 
@@ -362,9 +455,9 @@ impl Apart {
         let model = open_bytes(&*bytes).unwrap();
         let header = model.header();
         let (start, end) = (header.after_root_tables() as usize, header.pages_offset as usize - 4);
-        let (classes, frequent) = Classes::from_bytes(&bytes[start..end]).unwrap();
+        let (classes, numbers) = Classes::from_bytes(&bytes[start..end]).unwrap();
         let Header { exponent, lattice_step, .. } = *header;
-        let shape = Shape { exponent, lattice_step, frequent };
+        let shape = Shape { exponent, lattice_step, numbers, wedges: WedgeLayout::default(), texture_density: 0 };
         let tables = Tables::new(&classes);
         let pages = all_pages(&model);
         Apart { model, bytes, shape, tables, pages }
@@ -400,8 +493,14 @@ impl Apart {
             let roots: Vec<&ModelRoot> = self.model.roots().iter().filter(|root| root.page.number == number).collect();
             roots.into_iter()
         };
-        let context =
-            Context { location: self.pages[number].0, ancestors, shape: &self.shape, tables: &self.tables, trees };
+        let context = Context {
+            location: self.pages[number].0,
+            ancestors,
+            shape: &self.shape,
+            tables: &self.tables,
+            root_wedges: &RootWedges::default(),
+            trees,
+        };
         let mut page = self.model.empty_page();
         let result = decoder.decode(bytes, &context, &mut page);
         assert!(page.counts().decoded_bytes() <= self.model.header().slot_bytes as usize);

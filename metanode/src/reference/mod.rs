@@ -67,6 +67,7 @@ impl Block {
             records: self.record_count as usize,
             entries: self.entry_count as usize,
             triangles: self.triangle_count as usize,
+            ..PageCounts::default()
         }
     }
 }

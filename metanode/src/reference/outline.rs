@@ -11,6 +11,7 @@ use vdt::tree::{NO_SPLIT, Split, Tree};
 use super::children;
 use crate::blocking::BlockingError;
 use crate::page::PageCounts;
+use crate::wedges::WedgeLayout;
 
 /// The splits of `tree` in an order in which parents come before their children.
 pub(super) fn preorder(tree: &Tree) -> Result<Vec<u32>, BlockingError> {
@@ -93,7 +94,7 @@ fn check_split(tree: &Tree, split: u32, start: u32, end: u32) -> Result<&Split, 
 
 /// Words that a split takes in a page.
 pub(super) fn split_words(tree: &Tree, split: u32) -> usize {
-    PageCounts::record_words(children(tree, split).count(), tree.triangles.of(split).len())
+    PageCounts::record_words(children(tree, split).count(), tree.triangles.of(split).len(), 0, WedgeLayout::default())
 }
 
 /// Words that all splits of a subtree take, by the split at its root. `preorder` is that of the tree.

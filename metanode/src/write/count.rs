@@ -17,7 +17,7 @@ use super::descent::{self, Visitor};
 use super::gather::{Ancestor, Gatherer, Position, Work};
 use super::{Totals, WriteError};
 use crate::blocking::{BlockingError, Filled, Filler};
-use crate::codec::{Classes, Counts, Uncounted};
+use crate::codec::{Counts, Uncounted};
 use crate::header::LARGEST_SLOT_BYTES;
 use crate::leaf_order::{Nodes, Subtree};
 use crate::page::{CHILD_PAGE_WORDS, HEADER_WORDS};
@@ -41,7 +41,7 @@ pub(super) struct RootPlace {
 /// What is known of the pages when all were gone through once.
 #[derive(Debug)]
 pub(super) struct Counted {
-    pub classes: Classes,
+    pub counts: Counts,
     /// By page.
     pub places: Vec<RootPlace>,
     pub totals: Totals,
@@ -145,9 +145,8 @@ pub(super) fn count(
         .collect();
     let jobs = descent::first_levels(&mut counters[0], filler, root_groups)?;
     descent::do_jobs(&mut counters, filler, jobs, progress, |_, _| (), |_| ())?;
-    let mut counts = Counts::new();
     let mut counted = Counted {
-        classes: Classes::unseen(),
+        counts: Counts::new(),
         places: Vec::new(),
         totals: Totals::default(),
         words: 0,
@@ -155,7 +154,7 @@ pub(super) fn count(
         large: HashMap::new(),
     };
     for counter in counters {
-        counts.add(&counter.counts);
+        counted.counts.add(&counter.counts);
         counted.places.extend(counter.places);
         counted.large.extend(counter.large);
         counted.totals.splits += counter.totals.splits;
@@ -164,6 +163,60 @@ pub(super) fn count(
         counted.slot_bytes = counted.slot_bytes.max(counter.slot_bytes);
     }
     counted.places.sort_unstable();
-    counted.classes = counts.classes();
     Ok(counted)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use storage::LocalDisk;
+
+    use super::*;
+    use crate::blocking::Filler;
+    use crate::codec::{Shape, built_in_to_bytes};
+    use crate::header::Blocking;
+    use crate::leaf_order::Sums;
+    use crate::model::Model;
+    use crate::testing::read_back;
+    use crate::wedges::RootWedges;
+    use crate::write::{WriteResources, trees};
+
+    /// A model counts for what it is up to so many splits, and for no more.
+    const MOST_SPLITS: u64 = 20_000;
+
+    /// Makes `codec/built_in.tables` anew, from the models in the folder that `VDT_MODELS` names. (What a model looks like
+    /// hardly depends on the tables that were built in when it was written, so once is enough.)
+    #[test]
+    #[ignore = "changes the format; needs a folder of models in VDT_MODELS"]
+    fn the_built_in_tables_made_anew() {
+        let folder = std::env::var_os("VDT_MODELS").expect("VDT_MODELS names a folder");
+        let mut paths: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+        paths.retain(|path| path.extension().is_some_and(|extension| extension == "vdt"));
+        paths.sort();
+        let mut all = Counts::new();
+        for path in paths {
+            let model = Model::open(&LocalDisk, &path).unwrap();
+            let tree = StoredTree::from_tree(read_back(&model).tree);
+            let splits = u64::from(model.header().split_count);
+            let (sums, resources) = (Sums::of(&tree).unwrap(), WriteResources::in_memory());
+            let filler = Filler::new(Blocking::default());
+            let work = Work {
+                tree: &tree,
+                shape: Shape::of(&tree).unwrap(),
+                sums: &sums,
+                root_wedges: &RootWedges::default(),
+                filler,
+                resources: &resources,
+            };
+            let counted = count(&work, filler.root_groups(trees(&tree).unwrap()), &|_| ()).unwrap();
+            let share = 256 * MOST_SPLITS / splits.max(MOST_SPLITS);
+            all.add_share(&counted.counts, share);
+            eprintln!("{}: {splits} splits, {share} / 256", path.display());
+        }
+        let bytes = built_in_to_bytes(&all.classes());
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/codec/built_in.tables");
+        eprintln!("{}: {} bytes, CRC-32 {:08x}", path.display(), bytes.len(), crc32fast::hash(&bytes));
+        std::fs::write(path, bytes).unwrap();
+    }
 }

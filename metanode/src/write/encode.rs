@@ -36,7 +36,9 @@ pub(super) struct CodedPage {
     pub records: u16,
     pub roots: u16,
     pub children: u16,
-    zero: u32,
+    /// Wedges beyond one for each record.
+    pub more_wedges: u16,
+    zero: u16,
 }
 
 impl SortRecord for CodedPage {
@@ -87,7 +89,8 @@ impl<'a> Visitor<'a> for PageEncoder<'a> {
         page: &Filled,
         children: &[Cow<'_, [Subtree]>],
     ) -> Result<Option<Arc<Ancestor>>, WriteError> {
-        let Gathered { triangles, ancestor } = self.gatherer.code(position, page, children, &mut self.encoder)?;
+        let Gathered { triangles, more_wedges, ancestor } =
+            self.gatherer.code(position, page, children, &mut self.encoder)?;
         self.bytes.clear();
         self.encoder.finish(&mut self.bytes);
         let coded = CodedPage {
@@ -101,6 +104,7 @@ impl<'a> Visitor<'a> for PageEncoder<'a> {
             records: page.records.len() as u16,
             roots: page.root_count as u16,
             children: children.len() as u16,
+            more_wedges,
             zero: 0,
         };
         self.fields.extend(&self.bytes)?;

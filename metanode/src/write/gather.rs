@@ -10,8 +10,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use storage::Spool;
-use vdt::tree::{Root, Split, StoredTree};
+use vdt::tree::{Normal, Root, Split, StoredTree};
 
+use super::leaf_wedges::LeafWedges;
 use super::{WriteError, WriteResources, check_values};
 use crate::blocking::{BlockingError, Filled, Filler};
 use crate::codec::{
@@ -20,6 +21,7 @@ use crate::codec::{
 use crate::header::ModelRoot;
 use crate::leaf_order::{Cache, Nodes, Subtree, Sums};
 use crate::page::{NONE_32, Page, PageError, PageLocation};
+use crate::wedges::RootWedges;
 
 /// A coded page with children, as a reader will have it when it decodes these, and the pages above it.
 #[derive(Debug)]
@@ -60,6 +62,7 @@ pub(super) struct Work<'a> {
     pub tree: &'a StoredTree,
     pub shape: Shape,
     pub sums: &'a Sums,
+    pub root_wedges: &'a RootWedges,
     pub filler: Filler,
     pub resources: &'a WriteResources,
 }
@@ -71,12 +74,14 @@ pub(super) struct Gatherer<'a> {
     pub nodes: Nodes<'a>,
     positions: Cache<&'a Spool<[f32; 3]>>,
     triangles: Cache<&'a Spool<[u32; 3]>>,
+    wedges: Option<LeafWedges<'a>>,
+    root_wedges: &'a RootWedges,
     coder: PageCoder,
     /// The next number for a page whose parent is coded, by whichever thread.
     next_number: &'a AtomicU32,
-    /// Of the page at hand: its trees, its corners on either side, and room to write it down.
+    /// Of the page at hand: its trees, its corners and their wedges on either side, and room to write it down.
     trees: Vec<ModelRoot>,
-    sides: [Vec<[u32; 3]>; 2],
+    sides: [Vec<([u32; 3], [u32; 3])>; 2],
     room: (Vec<(u32, u32)>, Vec<[u32; 3]>),
     pub bounds: Bounds,
 }
@@ -112,6 +117,8 @@ impl Bounds {
 #[derive(Debug)]
 pub(super) struct Gathered {
     pub triangles: u32,
+    /// Wedges beyond one for each record.
+    pub more_wedges: u16,
     /// The page as an ancestor of its children, where it has any.
     pub ancestor: Option<Arc<Ancestor>>,
 }
@@ -119,13 +126,18 @@ pub(super) struct Gathered {
 impl<'a> Gatherer<'a> {
     /// One of as many as threads are to work.
     pub fn new(work: &Work<'a>, next_number: &'a AtomicU32) -> Self {
-        let Work { tree, shape, sums, resources, .. } = *work;
+        let Work { tree, shape, sums, resources, root_wedges, .. } = *work;
+        // Wedges take some of the others' shares.
+        let share = |sixteenths: u64| resources.thread_share(sixteenths - u64::from(tree.attributes.is_some()));
+        let wedges = tree.attributes.as_ref();
         Gatherer {
             tree,
             shape,
-            nodes: Nodes::new(tree, sums, resources.thread_share(5)),
-            positions: Cache::new(&tree.positions, resources.thread_share(3)),
-            triangles: Cache::new(&tree.triangles, resources.thread_share(4)),
+            nodes: Nodes::new(tree, sums, share(5)),
+            positions: Cache::new(&tree.positions, share(3)),
+            triangles: Cache::new(&tree.triangles, share(4)),
+            wedges: wedges.map(|attributes| LeafWedges::new(attributes, resources.thread_share(1))),
+            root_wedges,
             coder: PageCoder::default(),
             next_number,
             trees: Vec::new(),
@@ -145,7 +157,7 @@ impl<'a> Gatherer<'a> {
     ) -> Result<Gathered, WriteError> {
         self.begin(position, page)?;
         self.gather(page, children)?;
-        self.coder.code(coder, &self.shape).map_err(unlike)?;
+        self.coder.code(coder, &self.shape, self.root_wedges).map_err(unlike)?;
         let coded = &self.coder.nodes.all[self.coder.nodes.first..];
         if let Some((node, subtree)) =
             coded.iter().zip(&page.records).find(|(node, subtree)| node.born != subtree.split)
@@ -154,8 +166,13 @@ impl<'a> Gatherer<'a> {
             return Err(BlockingError::Tree { problem }.into());
         }
         let triangles = self.coder.fields.corners.len() as u32;
+        let more_wedges = self.coder.fields.wedges.len().saturating_sub(page.records.len());
+        let Ok(more_wedges) = u16::try_from(more_wedges) else {
+            let problem = format!("a meta-node would have {more_wedges} wedges more than splits; ask for smaller ones");
+            return Err(BlockingError::Tree { problem }.into());
+        };
         let ancestor = if children.is_empty() { None } else { Some(self.ancestor(position, children)?) };
-        Ok(Gathered { triangles, ancestor })
+        Ok(Gathered { triangles, more_wedges, ancestor })
     }
 
     /// Has the nodes of all ancestors, and the roots of the page.
@@ -178,6 +195,7 @@ impl<'a> Gatherer<'a> {
             ancestor.map_or(here, |ancestor| &ancestor.trees).iter()
         };
         self.coder.nodes.begin(&pages, position.number, page.root_count, trees, &self.shape).map_err(unlike)?;
+        self.coder.wedges.begin(&pages, self.shape.wedges);
         Ok(())
     }
 
@@ -189,7 +207,7 @@ impl<'a> Gatherer<'a> {
             start: root.start,
             end: root.end,
             position: self.position(root.start)?,
-            normal: root.normal,
+            normal: self.normal(root.start, root.normal)?,
             id,
             switch,
             radius,
@@ -220,6 +238,7 @@ impl<'a> Gatherer<'a> {
             let (root, at_kept) = stands[index];
             let Node { radius: of_root, is_inward, .. } = self.coder.nodes.all[self.coder.nodes.first + root];
             let normal = self.nodes.split(subtree.split)?.normal;
+            let normal = self.normal(subtree.split, normal)?;
             let mut kinds = [0; 2];
             let children = self.nodes.children(*subtree)?.into_iter().zip([at_kept, normal.decode()]);
             for (kind, (child, normal)) in kinds.iter_mut().zip(children) {
@@ -245,12 +264,16 @@ impl<'a> Gatherer<'a> {
                     let problem = format!("a triangle with the corner {wrong}, of {} leaves", self.tree.leaf_count());
                     return Err(BlockingError::Tree { problem }.into());
                 }
-                let [kept, second, third] = corners;
+                let wedges = match &mut self.wedges {
+                    Some(wedges) => wedges.of_corners(triangle, corners)?,
+                    None => corners,
+                };
                 let is_born = |leaf: u32| (subtree.split..subtree.end).contains(&leaf);
-                if is_born(second) {
-                    self.sides[0].push([kept, second, third]);
+                let turned = |[kept, second, third]: [u32; 3]| [kept, third, second];
+                if is_born(corners[1]) {
+                    self.sides[0].push((corners, wedges));
                 } else {
-                    self.sides[1].push([kept, third, second]);
+                    self.sides[1].push((turned(corners), turned(wedges)));
                 }
             }
             let fields: &mut Fields = &mut self.coder.fields;
@@ -258,8 +281,13 @@ impl<'a> Gatherer<'a> {
             fields.places.push(position);
             fields.counts.push([self.sides[0].len() as u32, self.sides[1].len() as u32]);
             fields.starts.push(fields.corners.len() as u32);
-            fields.corners.extend(self.sides.iter().flatten());
+            fields.corners.extend(self.sides.iter().flatten().map(|(corners, _)| corners));
             fields.normals.push(normal.to_word());
+            if let Some(wedges) = &mut self.wedges {
+                fields.corner_wedges.extend(self.sides.iter().flatten().map(|(_, wedges)| wedges));
+                fields.wedge_firsts.push(fields.wedges.len() as u32);
+                wedges.of_leaf(subtree.split, &mut fields.wedges)?;
+            }
         }
         Ok(())
     }
@@ -277,10 +305,20 @@ impl<'a> Gatherer<'a> {
         let is_tree =
             |child: usize, record: u16| children[child].get(usize::from(record)).is_some_and(|root| root.is_tree);
         let (places, corners) = &mut self.room;
-        let mut page = Page::with_slot_bytes(self.coder.counts().decoded_bytes());
+        let mut page = Page::with_slot_bytes(self.coder.counts(&self.shape).decoded_bytes());
         self.coder.targets(&is_tree, places).map_err(unlike)?;
         self.coder.write(&head, places, &self.shape, corners, &mut page).map_err(unlike)?;
         Ok(Arc::new(Ancestor { page, trees: std::mem::take(&mut self.trees), above: position.above.clone() }))
+    }
+
+    /// The normal of a leaf: that which the file gives, where each leaf has one, else the computed one.
+    fn normal(&mut self, leaf: u32, computed: Normal) -> Result<Normal, WriteError> {
+        match &mut self.wedges {
+            Some(wedges) if self.shape.wedges.kinds.normals && !self.shape.wedges.has_seams => {
+                Ok(wedges.wedge(leaf)?.normal)
+            }
+            _ => Ok(computed),
+        }
     }
 
     /// The position of a leaf.

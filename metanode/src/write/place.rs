@@ -170,6 +170,7 @@ pub(super) fn write_pages(
             parent,
             records: page.records,
             root_count: page.roots,
+            more_wedges: page.more_wedges,
             triangles: page.triangles,
             ..Head::default()
         };

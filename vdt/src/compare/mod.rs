@@ -1,7 +1,8 @@
 //! How far two triangle meshes of any size are apart, as sets of points: mean, root mean square and Hausdorff distance.
 //!
 //! It knows nothing of how meshes are simplified and shares no code with that, so that it can judge it. Attributes are no
-//! part of a distance.
+//! part of a distance; where both meshes have colours, of vertices, faces, textures or materials, how far these are apart is
+//! measured as well.
 //!
 //! For each point of one surface, the distance is that to the nearest point of the other, in double precision, exact up to
 //! rounding.
@@ -19,13 +20,18 @@
 //! | `triangle` | a point and a triangle |
 //! | `target` | the nearest point of a surface: runs of triangles under a hierarchy of boxes |
 //! | `samples` | points spread over a surface |
+//! | `looks` | colours and texture coordinates of the triangles of a surface |
+//! | `paint` | the colour of a surface at a point; images |
 //! | `one_sided` | one direction |
 //! | `refine` | the maximum by branch and bound, as in Guthe et al., *Fast and Accurate Hausdorff Distance between Meshes* (2005) |
 //!
 //! Memory: [`compare`] keeps to its limit; both surfaces take 36 bytes a triangle and 12 a vertex, in RAM where they fit
-//! and on disk where they do not. CPU, measured: a microsecond or two for each sample and vertex.
+//! and on disk where they do not. Where there are colours, 40 bytes a triangle more, and 3 a pixel of all images, which are in
+//! RAM. CPU, measured: a microsecond or two for each sample and vertex.
 
+mod looks;
 mod one_sided;
+mod paint;
 mod records;
 mod refine;
 mod samples;
@@ -42,7 +48,9 @@ use thiserror::Error;
 
 use crate::mesh::MeshError;
 
-pub use one_sided::{Effort, OneSided, one_sided};
+pub use one_sided::{ColourDifference, Effort, OneSided, one_sided};
+use one_sided::{Painted, one_sided_painted};
+use paint::{ImageLimits, Paint, Pictures};
 pub use surface::Surface;
 pub use target::Target;
 
@@ -73,6 +81,18 @@ pub enum CompareError {
         /// What is allowed.
         memory: ByteSize,
     },
+    /// The memory is too little for the images of textures.
+    #[error(
+        "comparing colours takes {needed} of RAM for the images of the textures, and {memory} are allowed; run again with \
+         --memory {}, or with --no-colours",
+        needed.as_argument()
+    )]
+    Images {
+        /// What would do.
+        needed: ByteSize,
+        /// What is allowed.
+        memory: ByteSize,
+    },
 }
 
 /// What a surface is read with.
@@ -97,10 +117,12 @@ pub struct CompareOptions {
     pub threads: usize,
     /// Whether only the distance of the first mesh from the second is measured.
     pub is_one_sided: bool,
+    /// Whether colours are compared, where both meshes have any.
+    pub with_colours: bool,
 }
 
 /// How far two meshes are apart.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
     /// From the first to the second.
     pub a_to_b: OneSided,
@@ -110,6 +132,10 @@ pub struct Comparison {
     pub diagonal: f64,
     /// Triangles of both surfaces.
     pub triangles: [u64; 2],
+    /// Which of them have colours, where it was asked for these to be compared.
+    pub have_colours: [bool; 2],
+    /// What the user should know of the colours: images that are not there or cannot be decoded.
+    pub colour_notes: Vec<String>,
 }
 
 impl Comparison {
@@ -131,38 +157,78 @@ pub fn compare(
     scratch: &Scratch,
     progress: &mut dyn FnMut(f64),
 ) -> Result<Comparison, CompareError> {
-    let CompareOptions { samples, memory, threads, is_one_sided } = *options;
+    let CompareOptions { memory, threads, with_colours, .. } = *options;
     if memory < SMALLEST_MEMORY {
         return Err(CompareError::Memory { needed: SMALLEST_MEMORY, memory });
     }
     let shares = Shares::of(memory);
     let resources = Resources { scratch, memory: shares.reading, threads };
-    let read = |path| Surface::read(disk, path, &resources).map_err(|error| for_all_of_it(error, memory));
+    let read = |path| {
+        let read = if with_colours { Surface::read_with_looks } else { Surface::read };
+        read(disk, path, &resources).map_err(|error| for_all_of_it(error, memory))
+    };
     let first = read(a)?;
     progress(0.1);
     let second = read(b)?;
     progress(0.2);
+    compare_surfaces(disk, [first, second], options, progress)
+}
+
+/// Compares two surfaces that were read with the share of the memory for that.
+fn compare_surfaces(
+    disk: &dyn Disk,
+    [mut first, mut second]: [Surface; 2],
+    options: &CompareOptions,
+    progress: &mut dyn FnMut(f64),
+) -> Result<Comparison, CompareError> {
+    let CompareOptions { samples, memory, threads, is_one_sided, .. } = *options;
+    let looks = [first.looks.take(), second.looks.take()];
+    let mut shares = Shares::of(memory);
+    let pictures = match &looks {
+        [Some(a), Some(b)] => Pictures::decode(disk, [&a.appearance, &b.appearance], &shares.images, memory)?,
+        // There is nothing to compare with.
+        _ => Pictures::default(),
+    };
+    if !pictures.is_empty() {
+        shares.boxes /= 2;
+    }
+    let paint = [0, 1].map(|side| looks[side].as_ref().and_then(|looks| Paint::of(&looks.appearance, &pictures)));
+    let have_colours = match &looks {
+        [Some(_), Some(_)] => paint.each_ref().map(Option::is_some),
+        _ => looks.each_ref().map(Option::is_some),
+    };
+    let painted = |from: usize, to: usize| {
+        Some(Painted {
+            looks: [looks[from].as_ref()?, looks[to].as_ref()?],
+            paint: [paint[from].as_ref()?, paint[to].as_ref()?],
+        })
+    };
     let effort = Effort { samples, threads, cache_bytes: shares.caches };
     let part = if is_one_sided { 0.8 } else { 0.4 };
     let target = Target::new(&second, shares.boxes)?;
-    let a_to_b = one_sided(&first, &target, effort, &mut |share| progress(0.2 + part * share))?;
+    let a_to_b = one_sided_painted(&first, &target, painted(0, 1), effort, &mut |share| progress(0.2 + part * share))?;
     drop(target);
     let b_to_a = if is_one_sided {
         None
     } else {
         let target = Target::new(&first, shares.boxes)?;
-        Some(one_sided(&second, &target, effort, &mut |share| progress(0.2 + part + part * share))?)
+        let mut progress = |share| progress(0.2 + part + part * share);
+        Some(one_sided_painted(&second, &target, painted(1, 0), effort, &mut progress)?)
     };
     let triangles = [first.triangle_count(), second.triangle_count()];
-    Ok(Comparison { a_to_b, b_to_a, diagonal: first.diagonal(), triangles })
+    let diagonal = first.diagonal();
+    Ok(Comparison { a_to_b, b_to_a, diagonal, triangles, have_colours, colour_notes: pictures.notes })
 }
 
-/// How the memory is shared out: both surfaces hold three eighths each of what they were read with.
+/// How the memory is shared out, in 64 parts: 40 while a surface is read, of which it holds 15 afterwards, and 2 1/2 more where
+/// it has looks; 16 for boxes and 8 for caches, which come when images are decoded. Images have what is left of that, and half
+/// of what boxes would have, which then are of longer runs.
 #[derive(Debug, Clone, Copy)]
 struct Shares {
     reading: ByteSize,
     boxes: u64,
     caches: usize,
+    images: ImageLimits,
 }
 
 impl Shares {
@@ -171,6 +237,7 @@ impl Shares {
             reading: ByteSize(memory.0 / 8 * 5),
             boxes: memory.0 / 4,
             caches: usize::try_from(memory.0 / 8).unwrap_or(usize::MAX),
+            images: ImageLimits { kept: memory.0 / 64 * 13, in_all: memory.0 / 64 * 29 },
         }
     }
 }

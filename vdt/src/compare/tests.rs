@@ -9,6 +9,9 @@ use storage::{FaultyDisk, MemoryDisk};
 use super::target::Searcher;
 use super::triangle::{Triangle, length, squared_distance};
 use super::*;
+use crate::ingest::{CoreAttributes, CoreMesh, FileCounts, StoredMesh};
+use crate::mesh::ImageSource;
+use crate::tree::{Appearance, AttributeKinds, CornerPlaces, Image, Material, Wedge};
 use crate::vector::Vector;
 
 /// A mesh as a file would hold it.
@@ -101,7 +104,8 @@ fn compared(a: &Mesh, b: &Mesh, samples: u64, threads: usize) -> Comparison {
     let disk = MemoryDisk::new();
     disk.insert("a.off", a.off());
     disk.insert("b.off", b.off());
-    let options = CompareOptions { samples, memory: ByteSize(64 << 20), threads, is_one_sided: false };
+    let options =
+        CompareOptions { samples, memory: ByteSize(64 << 20), threads, is_one_sided: false, with_colours: false };
     compare(&disk, [Path::new("a.off"), Path::new("b.off")], &options, &scratch(), &mut |_| ()).unwrap()
 }
 
@@ -339,7 +343,13 @@ fn what_cannot_be_compared_is_refused() {
     let segment = Mesh { positions: vec![[0.0; 3], [1.0; 3]], triangles: vec![[0, 1, 1]] };
     disk.insert("segment.off", segment.off());
     let message = |a: &str, b: &str, memory: u64| {
-        let options = CompareOptions { samples: 10, memory: ByteSize(memory), threads: 1, is_one_sided: true };
+        let options = CompareOptions {
+            samples: 10,
+            memory: ByteSize(memory),
+            threads: 1,
+            is_one_sided: true,
+            with_colours: true,
+        };
         let outcome = compare(&disk, [Path::new(a), Path::new(b)], &options, &scratch(), &mut |_| ());
         outcome.err().map(|error| error.to_string())
     };
@@ -373,4 +383,155 @@ fn a_disk_that_fails_is_told() {
         assert_eq!(outcome.is_ok(), reads == u64::MAX, "{reads} reads: {outcome:?}");
     }
     assert_eq!(failures, 4);
+}
+
+/// A mesh with wedges, as ingest would make it: one wedge for each vertex, but those of seams.
+fn painted(mesh: &Mesh, appearance: &Appearance, wedges: impl Fn(Vector) -> Vec<Wedge>, memory: u64) -> Surface {
+    let corners = mesh.triangles.iter().map(|corners| {
+        // The wedge of a corner is the one with the material of the triangle.
+        let first = |corner: usize| wedges(mesh.positions[corner])[0].material;
+        let material = corners.map(first).into_iter().max().unwrap_or(0);
+        CornerPlaces::of(corners.map(|corner| {
+            let place = wedges(mesh.positions[corner]).iter().position(|wedge| wedge.material == material);
+            place.unwrap_or(0) as u32
+        }))
+    });
+    let core = CoreMesh {
+        positions: mesh.positions.iter().map(|position| position.map(|value| value as f32)).collect(),
+        triangles: mesh.triangles.iter().map(|corners| corners.map(|corner| corner as u32)).collect(),
+        attributes: Some(CoreAttributes {
+            appearance: appearance.clone(),
+            wedges: mesh.positions.iter().map(|position| wedges(*position)).collect(),
+            corners: corners.collect(),
+        }),
+        ..CoreMesh::default()
+    };
+    let counts = FileCounts { vertices: mesh.positions.len() as u64, triangles: mesh.triangles.len() as u64 };
+    Surface::of(StoredMesh::from_core(core, counts), &scratch(), ByteSize(memory)).unwrap()
+}
+
+fn coloured() -> Appearance {
+    Appearance { kinds: AttributeKinds { colours: true, ..AttributeKinds::default() }, ..Appearance::default() }
+}
+
+fn colours_of(a: Surface, b: Surface, threads: usize) -> Comparison {
+    let options =
+        CompareOptions { samples: 3000, memory: ByteSize(64 << 20), threads, is_one_sided: false, with_colours: true };
+    compare_surfaces(&MemoryDisk::new(), [a, b], &options, &mut |_| ()).unwrap()
+}
+
+fn grey([red, green, blue]: [u8; 3]) -> impl Fn(Vector) -> Vec<Wedge> {
+    move |_| vec![Wedge { colour: [red, green, blue, 255], ..Wedge::PLAIN }]
+}
+
+#[test]
+fn colours_that_are_the_same_everywhere_are_their_difference_apart() {
+    let (a, b) = (square(3), square(4).moved(|[x, y, _]| [x, y, 0.5]));
+    let [a, b] = [(a, [100, 100, 100]), (b, [110, 90, 130])]
+        .map(|(mesh, colour)| painted(&mesh, &coloured(), grey(colour), 64 << 20));
+    let found = colours_of(a, b, 1);
+    assert_eq!(found.have_colours, [true; 2]);
+    for side in [found.a_to_b, found.b_to_a.unwrap()] {
+        let colours = side.colours.unwrap();
+        for value in [colours.mean, colours.rms, colours.max] {
+            assert_near(value, 50.0 / 3.0 / 255.0, 1e-12);
+        }
+        assert_near(side.mean, 0.5, 1e-12);
+    }
+}
+
+/// A colour that grows evenly is the same however the surface is cut; one that is turned is not.
+#[test]
+fn colours_are_interpolated_over_triangles() {
+    let across = |[x, ..]: Vector| vec![Wedge { colour: [(x * 240.0).round() as u8, 0, 0, 255], ..Wedge::PLAIN }];
+    let along = |[_, y, _]: Vector| vec![Wedge { colour: [(y * 240.0).round() as u8, 0, 0, 255], ..Wedge::PLAIN }];
+    let surface = |n: usize, memory| painted(&square(n), &coloured(), across, memory);
+    let found = colours_of(surface(5, 64 << 20), surface(3, 64 << 20), 1);
+    for side in [found.a_to_b, found.b_to_a.unwrap()] {
+        let colours = side.colours.unwrap();
+        // A third is no number of single precision.
+        assert!(colours.max < 1e-8, "{colours:?}");
+    }
+    let found = colours_of(surface(5, 64 << 20), painted(&square(3), &coloured(), along, 64 << 20), 1);
+    let colours = found.a_to_b.colours.unwrap();
+    // |x - y| has a mean of 1/3 and a mean square of 1/6 over the square.
+    assert_near(colours.mean, 240.0 / 255.0 / 9.0, 1e-3);
+    assert_near(colours.rms, 240.0 / 255.0 / 3.0 / 6.0_f64.sqrt(), 1e-3);
+    assert!(colours.max > 0.27 && colours.max < 240.0 / 255.0 / 3.0, "{colours:?}");
+}
+
+/// Half of the surface is of one material, half of the other; the vertices between them have a wedge of each.
+#[test]
+fn seams_and_materials_and_textures() {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    // Black on the left, white on the right.
+    let image = image::RgbImage::from_fn(2, 1, |x, _| image::Rgb([x as u8 * 255; 3]));
+    image.write_to(&mut bytes, image::ImageFormat::Png).unwrap();
+    let material = |base_colour, image| Material { name: String::new(), base_colour, image };
+    let appearance = Appearance {
+        kinds: AttributeKinds { textures: true, materials: true, ..AttributeKinds::default() },
+        texture_exponent: -2,
+        materials: vec![material(Some([1.0, 0.0, 0.0, 1.0]), None), material(None, Some(0))],
+        images: vec![Image { name: "a.png".into(), source: ImageSource::Bytes(bytes.into_inner()) }],
+    };
+    // The texture of the second half is white where v does not matter and u is 3/4.
+    let wedge = |material: u32| Wedge { material, texture: [3, 1], ..Wedge::PLAIN };
+    let halves = move |[x, ..]: Vector| {
+        let materials = if x < 0.5 {
+            vec![1]
+        } else if x > 0.5 {
+            vec![2]
+        } else {
+            vec![1, 2]
+        };
+        materials.into_iter().map(wedge).collect()
+    };
+    for memory in [64 << 20, 0] {
+        let a = painted(&square(8), &appearance, halves, memory);
+        assert_eq!(matches!(a.looks.as_ref().unwrap().records, records::Records::Disk(_)), memory == 0);
+        let b = painted(&square(3), &coloured(), grey([255, 255, 255]), memory);
+        let found = colours_of(a, b, 2);
+        assert!(found.colour_notes.is_empty());
+        for side in [found.a_to_b, found.b_to_a.unwrap()] {
+            let colours = side.colours.unwrap();
+            // Red is two thirds of the range away from white.
+            assert_near(colours.mean, 1.0 / 3.0, 1e-3);
+            assert_near(colours.max, 2.0 / 3.0, 1e-12);
+        }
+    }
+}
+
+#[test]
+fn colours_of_one_mesh_alone_are_not_compared() {
+    let plain = || read(&square(2), 64 << 20).unwrap();
+    let with = || painted(&square(2), &coloured(), grey([1, 2, 3]), 64 << 20);
+    let normals = Appearance { kinds: AttributeKinds { normals: true, ..Default::default() }, ..Default::default() };
+    let bare = || painted(&square(2), &normals, grey([1, 2, 3]), 64 << 20);
+    for (a, b, have) in
+        [(plain(), with(), [false, true]), (with(), bare(), [true, false]), (plain(), bare(), [false; 2])]
+    {
+        let found = colours_of(a, b, 1);
+        assert_eq!(found.have_colours, have);
+        assert!(found.a_to_b.colours.is_none() && found.b_to_a.unwrap().colours.is_none());
+    }
+}
+
+/// Looks in RAM or on disk, one thread or several: the same bits.
+#[test]
+fn memory_and_threads_change_no_colour() {
+    let waves = |[x, y, _]: Vector| {
+        let channel = |value: f64| (127.5 + 127.0 * value.sin()) as u8;
+        vec![Wedge { colour: [channel(9.0 * x), channel(7.0 * y), channel(5.0 * x * y), 255], ..Wedge::PLAIN }]
+    };
+    let mut all = Vec::new();
+    for (memory, threads) in [(64 << 20, 1), (64 << 20, 3), (100_000, 2)] {
+        let a = painted(&sphere(20), &coloured(), waves, memory);
+        let b = painted(&sphere(17), &coloured(), waves, memory);
+        assert_eq!(matches!(a.looks.as_ref().unwrap().records, records::Records::Disk(_)), memory < 1 << 20);
+        all.push(colours_of(a, b, threads));
+    }
+    let colours = all[0].a_to_b.colours.unwrap();
+    assert!(colours.mean > 1e-4 && colours.mean < 0.05 && colours.mean < colours.rms, "{colours:?}");
+    assert_eq!(all[0], all[1]);
+    assert_eq!(all[0], all[2]);
 }

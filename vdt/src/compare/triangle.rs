@@ -68,6 +68,40 @@ pub(super) fn squared_distance(point: Vector, triangle: &Triangle) -> f64 {
     least
 }
 
+/// The weights of the corners at the point of a triangle that is nearest to a point. They are not below 0, and their sum is 1.
+pub(super) fn nearest_weights(point: Vector, triangle: &Triangle) -> Vector {
+    let [a, b, c] = triangle.map(|corner| minus(corner, point));
+    let (ab, ac) = (minus(b, a), minus(c, a));
+    let normal = cross(ab, ac);
+    let square = dot(normal, normal);
+    let mut nearest = [1.0, 0.0, 0.0];
+    let mut least = dot(a, a);
+    let mut try_at = |weights: Vector| {
+        let place: Vector =
+            std::array::from_fn(|axis| a[axis] * weights[0] + b[axis] * weights[1] + c[axis] * weights[2]);
+        let squared = dot(place, place);
+        if squared < least {
+            (nearest, least) = (weights, squared);
+        }
+    };
+    let along = |from: Vector, to: Vector| {
+        let side = minus(to, from);
+        let square = dot(side, side);
+        if square > 0.0 { (-dot(from, side) / square).clamp(0.0, 1.0) } else { 0.0 }
+    };
+    let (on_ab, on_ac, on_bc) = (along(a, b), along(a, c), along(b, c));
+    try_at([1.0 - on_ab, on_ab, 0.0]);
+    try_at([1.0 - on_ac, 0.0, on_ac]);
+    try_at([0.0, 1.0 - on_bc, on_bc]);
+    if square > 0.0 {
+        let (at_b, at_c) = (dot(normal, cross(ac, a)) / square, dot(normal, cross(a, ab)) / square);
+        if at_b >= 0.0 && at_c >= 0.0 && at_b + at_c <= 1.0 {
+            try_at([1.0 - at_b - at_c, at_b, at_c]);
+        }
+    }
+    nearest
+}
+
 /// The middle of a triangle.
 pub(super) fn centre(triangle: &Triangle) -> Vector {
     std::array::from_fn(|axis| triangle.iter().map(|corner| corner[axis]).sum::<f64>() / 3.0)
@@ -168,14 +202,19 @@ pub(super) fn area(triangle: &Triangle) -> f64 {
 
 /// The longest side of a triangle: its two ends.
 pub(super) fn longest_side(triangle: &Triangle) -> [Vector; 2] {
+    longest_side_corners(triangle).map(|corner| triangle[corner])
+}
+
+/// The numbers of the two ends of the longest side of a triangle.
+pub(super) fn longest_side_corners(triangle: &Triangle) -> [usize; 2] {
     let [a, b, c] = *triangle;
     let [ab, bc, ca] = [length(a, b), length(b, c), length(c, a)];
     if ab >= bc && ab >= ca {
-        [a, b]
+        [0, 1]
     } else if bc >= ca {
-        [b, c]
+        [1, 2]
     } else {
-        [c, a]
+        [2, 0]
     }
 }
 
@@ -220,6 +259,11 @@ mod tests {
             prop_assert!(distance <= grid + 1e-12, "{} {}", distance, grid);
             let step = triangle.iter().map(|corner| length(*corner, triangle[0])).fold(0.0, f64::max) / 30.0;
             prop_assert!(distance >= grid - step - 1e-12, "{} {}", distance, grid);
+            let weights = nearest_weights(point, &triangle);
+            prop_assert!(weights.iter().all(|weight| *weight >= 0.0), "{:?}", weights);
+            prop_assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12, "{:?}", weights);
+            let place = std::array::from_fn(|axis| (0..3).map(|at| triangle[at][axis] * weights[at]).sum());
+            prop_assert!((length(point, place) - distance).abs() < 1e-9, "{} {}", length(point, place), distance);
             let halved = halves(&triangle).map(|half| squared_distance(point, &half)).into_iter().fold(9.0, f64::min);
             prop_assert!((halved.sqrt() - distance).abs() < 1e-9, "{} {}", halved.sqrt(), distance);
             let middle = centre(&triangle);

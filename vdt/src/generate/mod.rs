@@ -31,7 +31,7 @@ use storage::Disk;
 use thiserror::Error;
 
 use crate::mesh::MeshError;
-use crate::mesh::ply_writer::{CoordinateType, PlyLayout, PlyWriter};
+use crate::mesh::writer::{CoordinateType, MeshLayout, MeshWriter, OutputFormat};
 
 /// How many triangles can be asked for.
 pub const TRIANGLES: RangeInclusive<u64> = 10..=1_000_000_000;
@@ -151,7 +151,8 @@ fn model(options: &GenerateOptions, progress: &mut dyn FnMut(f64)) -> Box<dyn Mo
     }
 }
 
-/// Makes a test mesh and writes it to the PLY file `path`, which appears whole or not at all.
+/// Makes a test mesh and writes it to the file `path`, which appears whole or not at all: an OBJ file where its name ends in
+/// .obj, binary glTF where it ends in .glb, else a PLY file.
 ///
 /// `progress` is told the share of the work that is done, from 0 to 1.
 ///
@@ -171,13 +172,16 @@ pub fn generate(
     progress(0.0);
     let model = model(options, &mut |share| progress(share * SEARCH_SHARE));
     let (vertices, triangles_made) = (model.vertex_count(), model.triangle_count());
-    let layout = PlyLayout {
+    let layout = MeshLayout {
         vertices,
         triangles: triangles_made,
         coordinates: CoordinateType::Float,
+        origin: [0.0; 3],
         comments: vec![format!("made by: vdt generate {shape} --triangles {triangles} --seed {seed}")],
+        attributes: None,
     };
-    let mut writer = PlyWriter::create(disk, path, layout)?;
+    let format = OutputFormat::of(path).unwrap_or(OutputFormat::Ply);
+    let mut writer = MeshWriter::create(disk, path, format, layout)?;
 
     let start = if shape == Shape::Gyroid { SEARCH_SHARE } else { 0.0 };
     let mut done = 0;
@@ -189,13 +193,13 @@ pub fn generate(
     };
     model.emit_vertices(&mut |position| {
         report();
-        writer.vertex(position)
+        writer.vertex(position, None)
     })?;
     model.emit_triangles(&mut |corners| {
         report();
-        writer.triangle(corners)
+        writer.triangle(corners, MeshWriter::NO_MATERIAL)
     })?;
-    let bytes = writer.finish()?;
+    let bytes = writer.finish()?.bytes;
     progress(1.0);
     Ok(GenerateSummary { vertices, triangles: triangles_made, bytes })
 }

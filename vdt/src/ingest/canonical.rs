@@ -1,7 +1,7 @@
 //! The canonical form of a mesh that fits in RAM: the slow obvious way, by which [`super::store`] is judged.
 //!
 //! Memory: 48 bytes for each vertex and 12 for each triangle of the file; or 56 for each vertex while it is sorted; and
-//! where there are triangles without area, a table of all edges.
+//! where there are triangles without area, a table of all edges. With attributes, 150 bytes more for each triangle.
 
 use std::cmp::Ordering;
 use std::collections::HashSet;
@@ -11,7 +11,8 @@ use thiserror::Error;
 use super::frame::{Bounds, Frame, Grid, Rounding};
 use super::lattice::{OwnLattice, choose};
 use super::segments::{between, farthest};
-use super::{CleaningCounts, CoreMesh, PositionsRule};
+use super::{CleaningCounts, CoreAttributes, CoreMesh, PositionsRule};
+use crate::tree::{Appearance, CornerPlaces, MOST_WEDGES, Wedge};
 use crate::vector::length_not_below;
 
 fn compare_positions(left: &[f32; 3], right: &[f32; 3]) -> Ordering {
@@ -60,7 +61,32 @@ pub fn canonical(
 pub fn canonical_as(
     rule: PositionsRule,
     positions: Vec<[f64; 3]>,
+    triangles: Vec<[u32; 3]>,
+    cleaning: CleaningCounts,
+) -> Result<CoreMesh, FrameError> {
+    canonical_with(rule, positions, triangles, None, cleaning)
+}
+
+/// What the corners of a mesh as read carry.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RawAttributes {
+    /// What they refer to.
+    pub appearance: Appearance,
+    /// The attributes of the corners of each triangle.
+    pub corners: Vec<[Wedge; 3]>,
+}
+
+/// Brings a mesh as read into canonical form, with positions kept by this rule, and with what its corners carry. `triangles`
+/// name vertices that exist. An empty mesh has no attributes.
+///
+/// # Errors
+///
+/// Those of [`FrameError`].
+pub fn canonical_with(
+    rule: PositionsRule,
+    positions: Vec<[f64; 3]>,
     mut triangles: Vec<[u32; 3]>,
+    attributes: Option<RawAttributes>,
     mut cleaning: CleaningCounts,
 ) -> Result<CoreMesh, FrameError> {
     // Vertices that no face names must not move the box: one format keeps them, another does not.
@@ -133,31 +159,54 @@ pub fn canonical_as(
     }
     drop((order, locals, unrounded));
 
+    let (appearance, all_wedges) = match attributes {
+        Some(RawAttributes { appearance, corners }) => (Some(appearance), corners),
+        None => (None, Vec::new()),
+    };
     let (before, mut segments) = (triangles.len(), Vec::new());
+    let (mut wedges, mut number) = (Vec::new(), 0);
     triangles.retain_mut(|corners| {
         let [a, b, c] = corners.map(|corner| renumbered[corner as usize]);
-        *corners = if a < b && a < c {
-            [a, b, c]
+        let first = if a < b && a < c {
+            0
         } else if b < c {
-            [b, c, a]
+            1
         } else {
-            [c, a, b]
+            2
         };
+        *corners = [a, b, c];
+        corners.rotate_left(first);
         let has_area = a != b && b != c && c != a;
         if !has_area {
             segments.push(if a == b { [a, c] } else { [a, b] });
+        } else if appearance.is_some() {
+            let mut turned = all_wedges[number];
+            turned.rotate_left(first);
+            wedges.push(turned);
         }
+        number += 1;
         has_area
     });
-    drop(renumbered);
+    drop((renumbered, all_wedges));
     cleaning.degenerate_triangles += (before - triangles.len()) as u64;
-    triangles.sort_unstable();
     let before = triangles.len();
-    triangles.dedup();
+    if appearance.is_some() {
+        let mut all: Vec<([u32; 3], [Wedge; 3])> = triangles.into_iter().zip(wedges).collect();
+        all.sort_unstable_by_key(|(corners, wedges)| (*corners, wedges.map(|wedge| wedge.order())));
+        all.dedup_by_key(|(corners, _)| *corners);
+        (triangles, wedges) = all.into_iter().unzip();
+    } else {
+        triangles.sort_unstable();
+        triangles.dedup();
+    }
     cleaning.duplicate_triangles += (before - triangles.len()) as u64;
     let lost = reach(&segments, &triangles, &welded, frame.is_on_lattice());
     let positions = without_unused(welded, &mut triangles, &mut cleaning);
     triangles.shrink_to_fit();
+    let attributes = appearance.filter(|_| !triangles.is_empty()).map(|appearance| {
+        let (wedges, corners) = by_vertex(positions.len(), &triangles, &wedges, &mut cleaning);
+        CoreAttributes { appearance, wedges, corners }
+    });
     let input_error = length_not_below(rounding.largest + lost);
     Ok(CoreMesh {
         positions,
@@ -168,7 +217,38 @@ pub fn canonical_as(
         lattice_step: choice.step,
         cleaning,
         input_error,
+        attributes,
     })
+}
+
+/// The wedges of each vertex, and the places among them of the corners of each triangle.
+fn by_vertex(
+    vertices: usize,
+    triangles: &[[u32; 3]],
+    corners: &[[Wedge; 3]],
+    cleaning: &mut CleaningCounts,
+) -> (Vec<Vec<Wedge>>, Vec<CornerPlaces>) {
+    let mut wedges = vec![Vec::new(); vertices];
+    for (vertex, wedge) in triangles.iter().flatten().zip(corners.iter().flatten()) {
+        wedges[*vertex as usize].push(*wedge);
+    }
+    for of_vertex in &mut wedges {
+        of_vertex.sort_unstable_by_key(Wedge::order);
+        of_vertex.dedup();
+        cleaning.merged_wedges += of_vertex.len().saturating_sub(MOST_WEDGES) as u64;
+        of_vertex.truncate(MOST_WEDGES);
+        of_vertex.shrink_to_fit();
+    }
+    let place = |vertex: u32, wedge: &Wedge| {
+        let of_vertex = &wedges[vertex as usize];
+        let place = of_vertex.partition_point(|other| other.order() < wedge.order());
+        place.min(of_vertex.len() - 1) as u32
+    };
+    let places = |(vertices, wedges): (&[u32; 3], &[Wedge; 3])| {
+        CornerPlaces::of([0, 1, 2].map(|corner| place(vertices[corner], &wedges[corner])))
+    };
+    let places = triangles.iter().zip(corners).map(places).collect();
+    (wedges, places)
 }
 
 /// How far segments reach beyond the triangles: not at all where they are edges, half their length between two corners,

@@ -3,20 +3,22 @@
 //! On the way: the box of all vertices, and the marks of those that faces name. A vertex is known by its number in all
 //! files together, which must fit in 32 bits.
 //!
-//! I/O: what the files hold is written once, 12 bytes a vertex (24 in double precision) and 12 a triangle.
+//! I/O: what the files hold is written once, 12 bytes a vertex (24 in double precision) and 12 a triangle; with attributes
+//! more, as module `file_attributes` says.
 
 use std::path::{Path, PathBuf};
 
 use storage::{Disk, Scratch};
 
 use super::corners::{Chunk, WaitingWriter};
+use super::file_attributes::{AttributeWriter, FileAttributes, TriangleLooks};
 use super::frame::Bounds;
 use super::limits::Limits;
 use super::marks::{MarkWindow, Marks};
 use super::progress::Progress;
 use super::vertices::{VertexSpool, VertexWriter};
 use super::{CleaningCounts, FileCounts};
-use crate::mesh::{MeshError, ReadSummary, TriangleSink, read_mesh};
+use crate::mesh::{MeshError, ReadSummary, TriangleAttributes, TriangleSink, VertexAttributes, read_mesh};
 
 /// The most vertices, and the most triangles, that files may hold: numbers are 32 bits, and one means "none".
 pub(super) const MOST_ELEMENTS: u64 = u32::MAX as u64 - 1;
@@ -44,6 +46,12 @@ impl FileList {
         MeshError::Lattice { path, bits, extent }
     }
 
+    /// The error that there are more corners than numbers, where they become vertices.
+    pub fn too_many_corners(&self) -> MeshError {
+        let path = self.files.first().map(|(path, _)| path.clone()).unwrap_or_default();
+        MeshError::TooMany { path, kind: "corners with attributes of their own", most: MOST_ELEMENTS }
+    }
+
     /// The error that a vertex is too large for single precision.
     pub fn too_large(&self, vertex: u64) -> MeshError {
         let begun = self.files.partition_point(|(_, first)| *first <= vertex);
@@ -67,13 +75,25 @@ pub(super) struct FilesRead {
     pub bounds: Bounds,
     /// The vertices that faces name.
     pub named: Marks,
+    /// The attributes, where there are any and they are wanted.
+    pub attributes: Option<FileAttributes>,
+    /// What the files name and is not there.
+    pub missing_files: Vec<PathBuf>,
 }
 
-/// Reads all files.
+impl FilesRead {
+    /// Whether corners have attributes of their own, and become vertices.
+    pub fn has_corner_attributes(&self) -> bool {
+        self.attributes.as_ref().is_some_and(|attributes| matches!(attributes.triangles, TriangleLooks::Each(_)))
+    }
+}
+
+/// Reads all files, with their attributes if they are wanted.
 pub(super) fn read(
     disk: &dyn Disk,
     scratch: &Scratch,
     paths: &[PathBuf],
+    attributes: bool,
     limits: &Limits,
     progress: &mut Progress<'_>,
 ) -> Result<FilesRead, MeshError> {
@@ -87,6 +107,7 @@ pub(super) fn read(
         triangles: WaitingWriter::new(scratch, limits.memory / 4, limits.triangle_chunk, 0),
         bounds: Bounds::EMPTY,
         named: MarkWindow::new(limits.memory / 8),
+        attributes: attributes.then(|| AttributeWriter::new(scratch, limits.memory)),
         promised: 0,
         elements: 0,
         progress,
@@ -102,12 +123,16 @@ pub(super) fn read(
         (sink.promised, sink.elements) = (0, 0);
         sink.before += sink.share;
         sink.share = length as f64 / all_bytes;
-        let ReadSummary { polygons, degenerate_faces, left_out, .. } = read_mesh(disk, path, &mut sink)?;
+        sink.attributes.as_mut().into_iter().for_each(AttributeWriter::begin_file);
+        let ReadSummary { polygons, degenerate_faces, left_out, attributes, .. } = read_mesh(disk, path, &mut sink)?;
+        if let Some(writer) = &mut sink.attributes {
+            writer.end_file(attributes);
+        }
         cleaning.polygons += polygons;
         cleaning.degenerate_faces += degenerate_faces;
         cleaning.skipped_elements += left_out;
     }
-    let FileSink { counts, vertices, triangles, bounds, named, .. } = sink;
+    let FileSink { counts, vertices, triangles, bounds, named, attributes, .. } = sink;
     let vertices = vertices.finish()?;
     let triangles = triangles.finish()?;
     let named = named.complete(counts.vertices, scratch, "named-vertices", limits.memory / 16, |window| {
@@ -116,7 +141,11 @@ pub(super) fn read(
             Ok::<_, MeshError>(())
         })
     })?;
-    Ok(FilesRead { list, counts, cleaning, vertices, triangles, bounds, named })
+    let (attributes, missing_files) = match attributes {
+        None => (None, Vec::new()),
+        Some(writer) => writer.finish(counts.triangles)?,
+    };
+    Ok(FilesRead { list, counts, cleaning, vertices, triangles, bounds, named, attributes, missing_files })
 }
 
 /// Takes what the reader of a file finds.
@@ -129,6 +158,7 @@ struct FileSink<'a, 'b> {
     triangles: WaitingWriter,
     bounds: Bounds,
     named: MarkWindow,
+    attributes: Option<AttributeWriter>,
     /// Vertices and faces that the file's header promises, and those that were found so far.
     promised: u64,
     elements: u64,
@@ -175,5 +205,27 @@ impl TriangleSink for FileSink<'_, '_> {
         let corners = corners.map(|corner| u32::try_from(corner.saturating_add(self.first_vertex)).unwrap_or(u32::MAX));
         corners.iter().for_each(|corner| self.named.mark(u64::from(*corner)));
         Ok(self.triangles.push(corners)?)
+    }
+
+    fn wants_attributes(&self) -> bool {
+        self.attributes.is_some()
+    }
+
+    fn vertex_attributes(&mut self, attributes: VertexAttributes) -> Result<(), MeshError> {
+        let number = self.counts.vertices - 1;
+        self.attributes.as_mut().map_or(Ok(()), |writer| Ok(writer.vertex(number, attributes)?))
+    }
+
+    fn triangle_attributes(&mut self, attributes: TriangleAttributes) -> Result<(), MeshError> {
+        let number = self.counts.triangles - 1;
+        self.attributes.as_mut().map_or(Ok(()), |writer| Ok(writer.triangle(number, &attributes)?))
+    }
+
+    fn texture_coordinate(&mut self, value: [f32; 2]) -> Result<(), MeshError> {
+        self.attributes.as_mut().map_or(Ok(()), |writer| writer.texture(value, &self.path))
+    }
+
+    fn normal(&mut self, value: [f32; 3]) -> Result<(), MeshError> {
+        self.attributes.as_mut().map_or(Ok(()), |writer| writer.normal(value, &self.path))
     }
 }

@@ -8,13 +8,20 @@
 //! |---|---|---|
 //! | reading | triangles of the files; vertices in single, in double precision | M/4; M/8, M/8 |
 //! | | marks of the vertices that faces name: window, all | M/8, M/16 |
+//! | | attributes of vertices, of triangles; lists of texture coordinates, of normals | M/16, M/8; M/32, M/64 |
 //! | welding | sorter of the vertices; twins | left/2; M/32 |
+//! | | corners as vertices: vertices in the frame; what is read at any place; triangles | left/4; left/8; left/16 |
 //! | | then: positions; ids by number in the file | left/4 and at most M/8; left/2 |
+//! | | wedges; which are the first of their vertex; vertices that fell together | left/16 each |
 //! | corners | window of the ids | at most 3/8 left |
 //! | | sorter of the triangles; those that wait for another window | 5/8 of the rest; 3/16 of the rest |
 //! | | sorter of the triangles without area | 1/16 of the rest |
+//! | | vertices of wedges | 1/16 of what is left before |
 //! | triangles | triangles in order | left/2 and at most M/4 |
 //! | | seams: sorter, list; marks of the used vertices: window, all | left/8, left/16; left/8, left/16 |
+//! | | wedges of corners; marks of the used wedges: window, all | left/16; left/32, left/32 |
+//! | wedges | wedges; first of each vertex; places of corners | M/32; M/64; M/64 |
+//! | | places of wedges: all, or what is read at any place | left/4 each |
 //!
 //! Each store that is read is read through a buffer of M/32 and at most 4 MiB. The stores of the result hold at most
 //! half of M. Beside the shares there are lists of chunks and of blocks, [`smallest_memory`] says how long.
@@ -49,6 +56,8 @@ const CHUNK_LIST_BYTES: u64 = 48;
 const BLOCK_LIST_BYTES: u64 = 32;
 /// Below this the buffers are too small for a disk.
 const BUFFERS: u64 = 4 << 20;
+/// The same for the stores of attributes.
+const ATTRIBUTE_BUFFERS: u64 = 2 << 20;
 const LARGEST_BUFFER: usize = 4 << 20;
 
 impl Limits {
@@ -73,18 +82,20 @@ impl Limits {
     }
 }
 
-/// The smallest [`IngestPlan::memory`] with which files that hold so much can be brought into blocks of so many
-/// triangles.
+/// The smallest [`IngestPlan::memory`] with which files that hold so much, with attributes or without, can be brought into
+/// blocks of so many triangles.
 ///
 /// It is in proportion to the mesh only by the lists of chunks and of blocks, which have a byte for hundreds of
 /// triangles and one entry for each block.
-pub fn smallest_memory(files: FileCounts, block_triangles: u64) -> ByteSize {
+pub fn smallest_memory(files: FileCounts, has_attributes: bool, block_triangles: u64) -> ByteSize {
     let FileCounts { vertices, triangles } = files;
+    // Where corners become vertices, there are two lists of triangles.
+    let (buffers, lists) = if has_attributes { (BUFFERS + ATTRIBUTE_BUFFERS, 2) } else { (BUFFERS, 1) };
     // Lists grow to twice their size, with the old one beside them.
-    let triangle_chunks = 3 * CHUNK_LIST_BYTES * triangles.div_ceil(TRIANGLE_CHUNK);
+    let triangle_chunks = lists * 3 * CHUNK_LIST_BYTES * triangles.div_ceil(TRIANGLE_CHUNK);
     let vertex_chunks = 3 * vertices.div_ceil(VERTEX_CHUNK as u64);
     let blocks = (3 * BLOCK_LIST_BYTES).saturating_mul(triangles.div_ceil(block_triangles.max(1)));
-    ByteSize(BUFFERS.saturating_add(triangle_chunks).saturating_add(vertex_chunks).saturating_add(blocks))
+    ByteSize(buffers.saturating_add(triangle_chunks).saturating_add(vertex_chunks).saturating_add(blocks))
 }
 
 /// A finished sequence of records, and how much RAM it holds as long as it lives.

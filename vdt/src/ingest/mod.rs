@@ -10,6 +10,11 @@
 //!    ids, rotated so that the smallest comes first.
 //! 4. *Cleaning*, each kind counted: triangles with two equal corners, triangles that are there twice with the same
 //!    orientation, vertices that no triangle uses.
+//! 5. *Wedges*, where there are attributes: those of the corners of the triangles that are left, at each vertex in their order. Of
+//!    triangles that are there twice the one stays whose corners' wedges come first.
+//!
+//! A corner has its own normal, else its vertex's; the same for texture coordinates. It has the colour of its face, else of
+//! its vertex. Normals of faces are left out: those that are computed are as good.
 //!
 //! What that may cost is the *input error*: no point of a triangle in the files is farther from the canonical mesh. It is
 //! the sum of how far single precision or the lattice moves a vertex, and how far the triangles without area that are left out reach
@@ -23,7 +28,10 @@
 //! | `files` | the files, once, into sequences on disk |
 //! | `vertices`, `marks` | the vertices in file order; a bit for each of many numbers |
 //! | `frame`, `lattice`, `morton` | origin, unit, what positions are rounded to, Morton codes |
+//! | `file_attributes` | the attributes of the files, as they were read |
+//! | `entering` | what is welded: vertices, or corners with their attributes |
 //! | `weld`, `twins` | vertices sorted and welded: canonical ids |
+//! | `wedges`, `random` | the wedges of vertices and corners; reading at any place |
 //! | `corners` | triangles from file numbers to canonical ids |
 //! | `triangles` | triangles sorted, duplicates dropped |
 //! | `segments` | triangles without area, and how far they reach beyond the mesh |
@@ -31,11 +39,18 @@
 //! | `gaps` | vertices that only degenerate triangles used |
 //! | `limits` | who gets how much RAM |
 //! | `kept` | the stored mesh in a checkpoint |
+//! | `appearance` | materials, images and the lattice of texture coordinates of all files |
 //! | `canonical`, `load` | the same in RAM |
+//! | `write` | the stored mesh as a mesh file |
 
+mod appearance;
+#[cfg(test)]
+mod attribute_tests;
 mod blocks;
 mod canonical;
 mod corners;
+mod entering;
+mod file_attributes;
 mod files;
 mod frame;
 mod gaps;
@@ -46,6 +61,7 @@ mod load;
 mod marks;
 mod morton;
 mod progress;
+mod random;
 mod seams;
 mod segments;
 mod stored;
@@ -54,20 +70,27 @@ mod tests;
 mod triangles;
 mod twins;
 mod vertices;
+#[cfg(test)]
+mod wedge_tests;
+mod wedges;
 mod weld;
+mod write;
+
+use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 use storage::{ByteSize, Spool};
 
-pub use canonical::{FrameError, canonical, canonical_as};
+pub use canonical::{FrameError, RawAttributes, canonical, canonical_as, canonical_with};
 pub(crate) use frame::power_of_two;
 pub use kept::KeptMesh;
 pub use lattice::PositionsRule;
 pub use limits::smallest_memory;
 pub use load::{count, load, reading_needs};
 pub use stored::store;
+pub use write::{Output, write_mesh};
 
-use crate::tree::Positions;
+use crate::tree::{Appearance, CornerPlaces, MeshAttributes, MeshSeams, Positions, Wedge};
 
 /// What was changed on the way in. None of it changes the surface, or by no more than the input error; all of it is told
 /// to the user.
@@ -88,6 +111,8 @@ pub struct CleaningCounts {
     pub degenerate_faces: u64,
     /// Polygons of more than three corners: cut into triangles.
     pub polygons: u64,
+    /// Wedges beyond the most that a vertex may have ([`crate::tree::MOST_WEDGES`]): the corners got the last one.
+    pub merged_wedges: u64,
     /// Points, lines and curves: left out, they are no part of a surface.
     pub skipped_elements: u64,
 }
@@ -111,6 +136,19 @@ pub struct CoreMesh {
     pub cleaning: CleaningCounts,
     /// No point of a triangle in the files is farther than this from the mesh, in mesh units.
     pub input_error: f32,
+    /// What the corners carry, where they carry anything and it was asked for.
+    pub attributes: Option<CoreAttributes>,
+}
+
+/// The wedges of a [`CoreMesh`], as [`MeshAttributes`] has them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CoreAttributes {
+    /// What they refer to.
+    pub appearance: Appearance,
+    /// The wedges of each vertex, at least one, ascending.
+    pub wedges: Vec<Vec<Wedge>>,
+    /// The wedges of the corners of each triangle.
+    pub corners: Vec<CornerPlaces>,
 }
 
 /// A mesh of any size in canonical form, in spatial blocks.
@@ -143,6 +181,11 @@ pub struct StoredMesh {
     pub input_error: f32,
     /// What the files held.
     pub files: FileCounts,
+    /// What the corners carry, where they carry anything and it was asked for.
+    pub attributes: Option<MeshAttributes>,
+    /// What the files name and is not there, without which the mesh is still one: libraries of materials, images. In order, each
+    /// once.
+    pub missing_files: Vec<PathBuf>,
 }
 
 impl StoredMesh {
@@ -168,6 +211,28 @@ impl StoredMesh {
             cleaning: mesh.cleaning,
             input_error: mesh.input_error,
             files,
+            attributes: mesh.attributes.map(CoreAttributes::into_stored),
+            missing_files: Vec::new(),
+        }
+    }
+}
+
+impl CoreAttributes {
+    fn into_stored(self) -> MeshAttributes {
+        let mut first_wedges = Vec::with_capacity(self.wedges.len());
+        let mut wedges = Vec::with_capacity(self.wedges.len());
+        for of_vertex in &self.wedges {
+            first_wedges.push(wedges.len() as u32);
+            wedges.extend_from_slice(of_vertex);
+        }
+        let has_seams = wedges.len() > self.wedges.len();
+        MeshAttributes {
+            appearance: self.appearance,
+            wedges: Spool::from_vec(wedges),
+            seams: has_seams.then(|| MeshSeams {
+                first_wedges: Spool::from_vec(first_wedges),
+                corners: Spool::from_vec(self.corners),
+            }),
         }
     }
 }
@@ -202,4 +267,6 @@ pub struct IngestPlan {
     pub block_triangles: u64,
     /// How positions are to be kept.
     pub positions: PositionsRule,
+    /// Whether attributes are kept.
+    pub attributes: bool,
 }

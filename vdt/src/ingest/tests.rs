@@ -19,9 +19,9 @@ use crate::vector::{cross, dot, length, minus, unit};
 
 /// What one file holds.
 #[derive(Debug, Clone)]
-struct FileContent {
-    positions: Vec<[f64; 3]>,
-    triangles: Vec<[usize; 3]>,
+pub(super) struct FileContent {
+    pub positions: Vec<[f64; 3]>,
+    pub triangles: Vec<[usize; 3]>,
 }
 
 impl FileContent {
@@ -104,7 +104,7 @@ fn shuffled(content: &FileContent, seed: u64) -> FileContent {
 }
 
 /// One to three files that are one mesh, near zero or far from it, of any size.
-fn meshes() -> impl Strategy<Value = Vec<FileContent>> {
+pub(super) fn meshes() -> impl Strategy<Value = Vec<FileContent>> {
     let scale = prop_oneof![4 => Just(1.0), 1 => Just(1e-30), 1 => Just(0.001), 1 => Just(1e36), 1 => Just(3e38)];
     let far = prop_oneof![3 => Just(0.0), 1 => Just(4e6), 1 => Just(-1234.5)];
     let mirrored = any::<bool>();
@@ -132,12 +132,12 @@ fn on_disk(contents: &[FileContent]) -> (MemoryDisk, Vec<PathBuf>) {
 }
 
 /// A scratch that goes to this disk.
-fn scratch_on(disk: impl Disk + 'static) -> Scratch {
+pub(super) fn scratch_on(disk: impl Disk + 'static) -> Scratch {
     Scratch::open(Arc::new(disk), Path::new("scratch"), "").unwrap().0
 }
 
 /// [`store`], also with limits for which it would be refused.
-fn store_within(
+pub(super) fn store_within(
     disk: &dyn Disk,
     scratch: &Scratch,
     paths: &[PathBuf],
@@ -150,18 +150,18 @@ fn store_within(
         last = done;
     };
     let mut progress = Progress::new(&mut report);
-    let files = files::read(disk, scratch, paths, limits, &mut progress)?;
+    let files = files::read(disk, scratch, paths, true, limits, &mut progress)?;
     in_blocks(files, rule, scratch, limits, &mut progress)
 }
 
-fn all<T: bytemuck::Pod>(spool: &Spool<T>) -> Vec<T> {
+pub(super) fn all<T: bytemuck::Pod>(spool: &Spool<T>) -> Vec<T> {
     let mut records = vec![T::zeroed(); spool.len() as usize];
     spool.read_at(0, &mut records).unwrap();
     records
 }
 
 /// The stored mesh is the mesh in core, and its blocks are what they should be.
-fn check(stored: &StoredMesh, core: &CoreMesh, block_triangles: u64) {
+pub(super) fn check(stored: &StoredMesh, core: &CoreMesh, block_triangles: u64) {
     let bits = |positions: &[[f32; 3]]| positions.iter().map(|p| p.map(f32::to_bits)).collect::<Vec<_>>();
     let (positions, triangles) = (all(&stored.positions), all(&stored.triangles));
     assert_eq!(bits(&positions), bits(&core.positions));
@@ -201,7 +201,7 @@ fn check(stored: &StoredMesh, core: &CoreMesh, block_triangles: u64) {
 }
 
 /// Lossless, a lattice, or what is chosen.
-fn rule() -> impl Strategy<Value = PositionsRule> {
+pub(super) fn rule() -> impl Strategy<Value = PositionsRule> {
     prop_oneof![
         2 => Just(PositionsRule::LOSSLESS),
         1 => Just(PositionsRule::Auto),
@@ -228,8 +228,12 @@ fn check_lattice(mesh: &CoreMesh, rule: PositionsRule) {
     }
 }
 
-fn in_core(disk: &dyn Disk, paths: &[PathBuf], rule: PositionsRule) -> Result<(CoreMesh, FileCounts), MeshError> {
-    load(disk, paths, rule, ByteSize(u64::MAX), &reading_needs)
+pub(super) fn in_core(
+    disk: &dyn Disk,
+    paths: &[PathBuf],
+    rule: PositionsRule,
+) -> Result<(CoreMesh, FileCounts), MeshError> {
+    load(disk, paths, rule, true, ByteSize(u64::MAX), &reading_needs)
 }
 
 proptest! {
@@ -338,8 +342,13 @@ fn a_position_beyond_single_precision_is_refused_with_its_file_and_number() {
 fn less_memory_than_the_smallest_is_refused_with_the_figure() {
     let content = FileContent { positions: vec![[0.0; 3]; 3], triangles: vec![[0, 1, 2]] };
     let (disk, paths) = on_disk(&[content]);
-    let mut plan =
-        IngestPlan { memory: ByteSize(1 << 20), threads: 1, block_triangles: 1000, positions: PositionsRule::Auto };
+    let mut plan = IngestPlan {
+        memory: ByteSize(1 << 20),
+        threads: 1,
+        block_triangles: 1000,
+        positions: PositionsRule::Auto,
+        attributes: true,
+    };
     let error = store(&disk, &Scratch::in_memory(), &paths, &plan, &mut |_| ()).unwrap_err();
     let MeshError::OverMemory { vertices: 3, triangles: 1, needed, .. } = error else { panic!("{error}") };
     plan.memory = needed;
@@ -349,8 +358,13 @@ fn less_memory_than_the_smallest_is_refused_with_the_figure() {
 
 #[test]
 fn a_missing_file_is_an_error() {
-    let plan =
-        IngestPlan { memory: ByteSize(64 << 20), threads: 1, block_triangles: 1000, positions: PositionsRule::Auto };
+    let plan = IngestPlan {
+        memory: ByteSize(64 << 20),
+        threads: 1,
+        block_triangles: 1000,
+        positions: PositionsRule::Auto,
+        attributes: true,
+    };
     let paths = [Path::new("/nowhere/at/all.ply").to_path_buf()];
     let error = store(&LocalDisk, &Scratch::in_memory(), &paths, &plan, &mut |_| ()).unwrap_err();
     assert!(error.to_string().contains("/nowhere/at/all.ply"), "{error}");

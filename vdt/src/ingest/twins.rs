@@ -4,7 +4,7 @@
 //! two numbers, in the order of the files. Twins that are farther apart, or that a small table has forgotten, are welded
 //! by the sort as any other; so the table decides what is fast and nothing else.
 //!
-//! Memory: 512 KiB for the table, 256 KiB to find the ids again. I/O: 2 bytes for each vertex of the files up to the last
+//! Memory: 512 KiB for the table (896 with attributes), 256 KiB to find the ids again. I/O: 2 bytes for each vertex of the files up to the last
 //! one that has a twin, and none where there is none.
 
 use storage::{Scattered, Scratch, Spool, SpoolReader, SpoolWriter, StorageError};
@@ -14,44 +14,52 @@ const TABLE_BITS: u32 = 14;
 /// How many ids are remembered: as far as a twin may be.
 const RECENT_IDS: usize = 1 << 16;
 
-/// A position that was seen, and the last vertex that had it.
-#[derive(Debug, Clone, Copy)]
-struct Seen {
-    position: [u32; 3],
+/// A vertex as twins have it in common.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Look<W> {
+    /// The position, bit by bit.
+    pub position: [u32; 3],
     /// What it was before it was rounded.
-    unrounded: u64,
-    /// Its number and one, 0 for none.
+    pub unrounded: u64,
+    /// Its attributes, where there are any.
+    pub wedge: W,
+}
+
+/// What was seen, and the last vertex that had it.
+#[derive(Debug, Clone, Copy, Default)]
+struct Seen<W> {
+    look: Look<W>,
+    /// The vertex's number and one, 0 for none.
     number: u64,
 }
 
-/// Finds the twins of vertices that pass in the order of their numbers.
+/// Finds the twins of vertices that pass in the order of their numbers. `W` are the attributes.
 #[derive(Debug)]
-pub(super) struct TwinFinder {
-    table: Vec<Seen>,
+pub(super) struct TwinFinder<W> {
+    table: Vec<Seen<W>>,
     distances: SpoolWriter<u16>,
     found: u64,
 }
 
-impl TwinFinder {
+impl<W: Copy + Default + PartialEq> TwinFinder<W> {
     /// `ram_bytes` are the share of the distances.
     pub fn new(scratch: &Scratch, ram_bytes: usize) -> Self {
         TwinFinder {
-            table: vec![Seen { position: [0; 3], unrounded: 0, number: 0 }; 1 << TABLE_BITS],
+            table: vec![Seen::default(); 1 << TABLE_BITS],
             distances: SpoolWriter::new(scratch, "twins", ram_bytes),
             found: 0,
         }
     }
 
-    /// Whether a vertex has a twin before it. `position` is that of the vertex, bit by bit; twins have `unrounded` in
-    /// common, too.
+    /// Whether a vertex has a twin before it. `salt` is a number that different attributes hardly have in common.
     #[inline]
-    pub fn has_twin(&mut self, number: u32, position: [u32; 3], unrounded: u64) -> Result<bool, StorageError> {
-        let [x, y, z] = position.map(u64::from);
-        let mixed = (x ^ y.rotate_left(21) ^ z.rotate_left(42)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    pub fn has_twin(&mut self, number: u32, look: Look<W>, salt: u64) -> Result<bool, StorageError> {
+        let [x, y, z] = look.position.map(u64::from);
+        let mixed = (x ^ y.rotate_left(21) ^ z.rotate_left(42) ^ salt).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         let seen = &mut self.table[(mixed >> (u64::BITS - TABLE_BITS)) as usize];
         let number = u64::from(number) + 1;
-        let before = std::mem::replace(seen, Seen { position, unrounded, number });
-        if before.number == 0 || before.position != position || before.unrounded != unrounded {
+        let before = std::mem::replace(seen, Seen { look, number });
+        if before.number == 0 || before.look != look {
             return Ok(false);
         }
         match u16::try_from(number - before.number) {
@@ -140,7 +148,7 @@ mod tests {
         for (number, position) in positions.iter().enumerate() {
             let next = welded.len() as u32;
             let id = *welded.entry(*position).or_insert(next);
-            if !finder.has_twin(number as u32, *position, 0).unwrap() {
+            if !finder.has_twin(number as u32, Look { position: *position, unrounded: 0, wedge: () }, 0).unwrap() {
                 scatter.put(number as u32, id).unwrap();
             }
         }

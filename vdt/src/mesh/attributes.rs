@@ -1,9 +1,10 @@
 //! What a mesh file says beside positions and corners: normals, colours, texture coordinates, materials with images.
 //!
 //! Readers look for them only where the sink asks ([`super::MeshSink::wants_attributes`]). Values are as the file has them:
-//! normals are not made unit length, texture coordinates not turned, colours not converted between colour spaces (PLY, OBJ,
-//! OFF and STL mean sRGB; the vertex colours and factors of glTF are linear). Colours become bytes: floats from 0 to 1 and
-//! numbers of 16 bits are scaled and rounded, what is beyond is the nearest that there is.
+//! normals are not made unit length, texture coordinates not turned; the gate turns them, vertex by vertex and corner by
+//! corner, so that all it hands on has one meaning. Colours are sRGB from the start: PLY, OBJ, OFF and STL mean that, and the
+//! linear ones of glTF are converted (module `srgb`) before they become bytes, since linear bytes do not tell dark colours
+//! apart. Floats from 0 to 1 and numbers of 16 bits are scaled and rounded, what is beyond is the nearest that there is.
 //!
 //! Images are named, not read: where their bytes lie is told, and whether they are there.
 //!
@@ -11,6 +12,8 @@
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
 
 /// The most bytes that the names of materials, images and missing files may have together.
 pub(super) const NAMES_LIMIT: usize = 4 << 20;
@@ -31,12 +34,49 @@ pub enum Wedges<'a, V> {
     Values(&'a [V]),
 }
 
+/// What a vertex has besides its position, as the gate hands it on.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct VertexAttributes {
+    /// Finite, of any length.
+    pub normal: Option<[f32; 3]>,
+    /// Red, green, blue and alpha, in sRGB.
+    pub colour: Option<[u8; 4]>,
+    /// Finite, v upwards.
+    pub texture: Option<[f32; 2]>,
+}
+
+/// What a corner of a triangle has of its own.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub enum CornerValue<V> {
+    /// Nothing.
+    #[default]
+    None,
+    /// The number of a value in the file's list, counted from 0. The value may come later.
+    Number(u64),
+    /// A value: finite.
+    Value(V),
+}
+
+/// What a triangle and its corners have, as the gate hands it on.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct TriangleAttributes {
+    /// Texture coordinates of the corners, v upwards.
+    pub textures: [CornerValue<[f32; 2]>; 3],
+    /// Normals of the corners, of any length.
+    pub normals: [CornerValue<[f32; 3]>; 3],
+    /// Red, green, blue and alpha, in sRGB.
+    pub colour: Option<[u8; 4]>,
+    /// Number of the material in [`Attributes::materials`], counted from 0.
+    pub material: Option<u32>,
+}
+
 /// What faces may be made of.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Material {
     /// Its name in the file; empty where it has none.
     pub name: String,
-    /// Red, green, blue and alpha of the surface, mostly from 0 to 1; none where the file does not say.
+    /// Red, green, blue and alpha of the surface, mostly from 0 to 1, in sRGB whatever the file has. None where the file
+    /// does not say.
     pub base_colour: Option<[f32; 4]>,
     /// The image that the texture coordinates lie in.
     pub image: Option<Image>,
@@ -52,7 +92,7 @@ pub struct Image {
 }
 
 /// Where the bytes of an image are.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum ImageSource {
     /// A file of its own, which is there.
     File(PathBuf),

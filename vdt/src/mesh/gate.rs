@@ -8,7 +8,10 @@ use std::path::{Path, PathBuf};
 
 use storage::Disk;
 
-use super::attributes::{Attributes, Image, ImageSource, Material, NAMES_LIMIT, NO_VALUE, Wedges};
+use super::attributes::{
+    Attributes, CornerValue, Image, ImageSource, Material, NAMES_LIMIT, NO_VALUE, TriangleAttributes, VertexAttributes,
+    Wedges,
+};
 use super::{Face, MeshError, MeshFormat, MeshSink, ReadSummary, TriangleSink, Vertex, off, reader_of, stl, text};
 
 /// Reads the mesh file `path` of any known format, and pushes its vertices and triangles into `sink` in file order.
@@ -250,6 +253,32 @@ impl Gate<'_> {
         Ok((found as u64, highest))
     }
 
+    /// Hands on what a vertex has besides its position.
+    fn hand_on_vertex(&mut self, vertex: &Vertex) -> Result<(), MeshError> {
+        let Vertex { normal, colour, texture, .. } = *vertex;
+        if normal.is_none() && colour.is_none() && texture.is_none() {
+            return Ok(());
+        }
+        let texture = texture.map(|value| self.upwards(value));
+        self.sink.vertex_attributes(VertexAttributes { normal, colour, texture })
+    }
+
+    /// What three corners of a face have.
+    fn triangle_attributes(&self, face: &Face<'_>, places: [usize; 3]) -> TriangleAttributes {
+        let textures = corner_values(face.textures, places).map(|texture| match texture {
+            CornerValue::Value(value) => CornerValue::Value(self.upwards(value)),
+            other => other,
+        });
+        let normals = corner_values(face.normals, places);
+        TriangleAttributes { textures, normals, colour: face.colour, material: face.material }
+    }
+
+    /// A texture coordinate with v upwards.
+    #[inline]
+    fn upwards(&self, [u, v]: [f32; 2]) -> [f32; 2] {
+        if self.summary.format == MeshFormat::Gltf { [u, 1.0 - v] } else { [u, v] }
+    }
+
     /// Takes note of a name that is kept.
     fn keep_name(&mut self, bytes: usize) -> Result<(), MeshError> {
         /// What a name costs on top of its bytes.
@@ -264,6 +293,21 @@ impl Gate<'_> {
             advice: "cut the mesh into parts with fewer materials".to_string(),
         })
     }
+}
+
+/// Whether there is anything besides the corners.
+fn has_attributes(face: &Face<'_>) -> bool {
+    face.textures != Wedges::None || face.normals != Wedges::None || face.colour.is_some() || face.material.is_some()
+}
+
+/// The values of three corners. Those of all corners were checked.
+fn corner_values<V: Copy>(wedges: Wedges<'_, V>, places: [usize; 3]) -> [CornerValue<V>; 3] {
+    places.map(|place| match wedges {
+        Wedges::None => CornerValue::None,
+        Wedges::Numbers(numbers) if numbers[place] == NO_VALUE => CornerValue::None,
+        Wedges::Numbers(numbers) => CornerValue::Number(numbers[place].unsigned_abs()),
+        Wedges::Values(values) => CornerValue::Value(values[place]),
+    })
 }
 
 impl MeshSink for Gate<'_> {
@@ -286,7 +330,8 @@ impl MeshSink for Gate<'_> {
             self.vertex_attributes(&vertex)?;
         }
         self.summary.vertices += 1;
-        self.sink.vertex(vertex.position)
+        self.sink.vertex(vertex.position)?;
+        if self.wants_attributes { self.hand_on_vertex(&vertex) } else { Ok(()) }
     }
 
     fn face(&mut self, face: Face<'_>) -> Result<(), MeshError> {
@@ -307,9 +352,14 @@ impl MeshSink for Gate<'_> {
         match face.corners {
             [first, rest @ ..] if rest.len() >= 2 => {
                 self.summary.polygons += u64::from(rest.len() > 2);
-                for pair in rest.windows(2) {
+                let has_attributes = self.wants_attributes && has_attributes(&face);
+                for (place, pair) in rest.windows(2).enumerate() {
                     self.summary.triangles += 1;
                     self.sink.triangle([first, &pair[0], &pair[1]].map(|index| index.unsigned_abs()))?;
+                    if has_attributes {
+                        let attributes = self.triangle_attributes(&face, [0, place + 1, place + 2]);
+                        self.sink.triangle_attributes(attributes)?;
+                    }
                 }
             }
             _ => self.summary.degenerate_faces += 1,
@@ -321,14 +371,14 @@ impl MeshSink for Gate<'_> {
         let number = self.summary.attributes.texture_coordinates;
         self.check_finite(&value, || format!("{TEXTURE} {number}"))?;
         self.summary.attributes.texture_coordinates += 1;
-        Ok(())
+        self.sink.texture_coordinate(self.upwards(value))
     }
 
     fn normal(&mut self, value: [f32; 3]) -> Result<(), MeshError> {
         let number = self.summary.attributes.normals;
         self.check_finite(&value, || format!("{NORMAL} {number}"))?;
         self.summary.attributes.normals += 1;
-        Ok(())
+        self.sink.normal(value)
     }
 
     fn material(&mut self, material: Material) -> Result<(), MeshError> {
@@ -452,6 +502,81 @@ mod tests {
         assert_eq!(missing, ["b.mtl", "red.png"].map(Path::new));
         let plain = read_files(&files, false).unwrap();
         assert_eq!((plain.vertices, plain.triangles, plain.attributes), (3, 3, Attributes::default()));
+    }
+
+    /// Notes everything.
+    #[derive(Default)]
+    struct Notes {
+        vertices: Vec<VertexAttributes>,
+        triangles: Vec<([u64; 3], TriangleAttributes)>,
+        textures: Vec<[f32; 2]>,
+        normals: Vec<[f32; 3]>,
+    }
+
+    impl TriangleSink for Notes {
+        fn wants_attributes(&self) -> bool {
+            true
+        }
+
+        fn vertex(&mut self, _: [f64; 3]) -> Result<(), MeshError> {
+            self.vertices.push(VertexAttributes::default());
+            Ok(())
+        }
+
+        fn triangle(&mut self, corners: [u64; 3]) -> Result<(), MeshError> {
+            self.triangles.push((corners, TriangleAttributes::default()));
+            Ok(())
+        }
+
+        fn vertex_attributes(&mut self, attributes: VertexAttributes) -> Result<(), MeshError> {
+            *self.vertices.last_mut().unwrap() = attributes;
+            Ok(())
+        }
+
+        fn triangle_attributes(&mut self, attributes: TriangleAttributes) -> Result<(), MeshError> {
+            self.triangles.last_mut().unwrap().1 = attributes;
+            Ok(())
+        }
+
+        fn texture_coordinate(&mut self, value: [f32; 2]) -> Result<(), MeshError> {
+            self.textures.push(value);
+            Ok(())
+        }
+
+        fn normal(&mut self, value: [f32; 3]) -> Result<(), MeshError> {
+            self.normals.push(value);
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn the_attributes_of_corners_are_cut_along_with_polygons() {
+        let text = "v 0 0 0\nv 1 0 0 0 1 0\nv 1 1 0\nv 0 1 0\nvt 0 0.25\nvt 1 0\nvn 0 0 2\nusemtl a\n\
+                    f 1/1/1 2 3/2 4/2/1\nf 1 2 3\n";
+        let disk = MemoryDisk::new();
+        disk.insert("a.obj", text);
+        let mut notes = Notes::default();
+        read_mesh(&disk, Path::new("a.obj"), &mut notes).unwrap();
+        let colours: Vec<_> = notes.vertices.iter().map(|vertex| vertex.colour).collect();
+        assert_eq!(colours, [None, Some([0, 255, 0, 255]), None, None]);
+        let (number, none) = (CornerValue::Number, CornerValue::None);
+        let of = |textures, normals| TriangleAttributes { textures, normals, colour: None, material: Some(0) };
+        let expected = [
+            (
+                [0, 1, 2],
+                of([number(0), none, number(1)], [CornerValue::Number(0), CornerValue::None, CornerValue::None]),
+            ),
+            (
+                [0, 2, 3],
+                of(
+                    [number(0), number(1), number(1)],
+                    [CornerValue::Number(0), CornerValue::None, CornerValue::Number(0)],
+                ),
+            ),
+            ([0, 1, 2], of([none; 3], [CornerValue::None; 3])),
+        ];
+        assert_eq!(notes.triangles, expected);
+        assert_eq!((notes.textures, notes.normals), (vec![[0.0, 0.25], [1.0, 0.0]], vec![[0.0, 0.0, 2.0]]));
     }
 
     #[test]

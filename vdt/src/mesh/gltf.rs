@@ -37,6 +37,7 @@ use self::document::{Document, Looks, Primitive, read_document, read_looks, unsu
 use self::transform::Transform;
 use super::attributes::{Image, ImageSource, Material};
 use super::polygon::Strip;
+use super::srgb::srgb_of_linear;
 use super::{Face, MeshError, MeshSink, Vertex};
 
 /// Reads the whole of `path`, and the files that it names, into `sink`.
@@ -270,7 +271,9 @@ impl Asset<'_> {
                 Some(texture) => self.image(&format!("material {number}"), looks, texture.index, buffers, sink)?,
                 None => None,
             };
-            let base_colour = Some(look.base_color_factor.unwrap_or([1.0; 4]));
+            let [red, green, blue, alpha] = look.base_color_factor.unwrap_or([1.0; 4]);
+            let [red, green, blue] = [red, green, blue].map(srgb_of_linear);
+            let base_colour = Some([red, green, blue, alpha].map(|channel| channel as f32));
             sink.material(Material { name: material.name.clone(), base_colour, image })?;
         }
         Ok(())
@@ -759,7 +762,8 @@ mod tests {
             builder.set("attributes/TEXCOORD_0", json!(texture));
             let colours = builder.numbers(component, component != 5126, 3, &[0.0, one, one * 0.2].repeat(4));
             builder.set("attributes/COLOR_0", json!(colours));
-            let expected = (None, Some([0, 255, 51, 255]), Some([0.0, 1.0]));
+            // A fifth of the light is 124 in sRGB. Alpha is linear.
+            let expected = (None, Some([0, 255, 124, 255]), Some([0.0, 1.0]));
             let found = builder.attributes().unwrap();
             assert_eq!(found.vertices, [expected; 4], "{component}");
             assert_eq!(found.plain, expected_quad());
@@ -824,7 +828,8 @@ mod tests {
         assert!(found.faces.iter().all(|face| face.material == Some(3)));
         assert_eq!(found.vertices[0].2, Some([1.0, 1.0]));
         let colours: Vec<_> = found.materials[..2].iter().map(|material| material.base_colour.unwrap()).collect();
-        assert_eq!(colours, [[1.0; 4], [1.0, 0.5, 0.0, 0.25]]);
+        // Half of the light.
+        assert_eq!(colours, [[1.0; 4], [1.0, 0.735_357, 0.0, 0.25]]);
         let images: Vec<_> = found.materials[2..].iter().map(|material| material.image.clone()).collect();
         let named = |number: usize| images[number].clone().map(|image| (image.name, image.source)).unwrap();
         let bytes = builder.glb();

@@ -19,12 +19,13 @@ mod mtl;
 pub mod obj;
 pub mod off;
 pub mod ply;
-pub mod ply_writer;
 mod polygon;
+mod srgb;
 pub mod stl;
 #[cfg(test)]
 mod testing;
 mod text;
+pub mod writer;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -32,7 +33,9 @@ use std::path::{Path, PathBuf};
 use storage::{Disk, StorageError};
 use thiserror::Error;
 
-pub use attributes::{Attributes, Image, ImageSource, Material, NO_VALUE, Wedges};
+pub use attributes::{
+    Attributes, CornerValue, Image, ImageSource, Material, NO_VALUE, TriangleAttributes, VertexAttributes, Wedges,
+};
 pub use gate::read_mesh;
 
 /// A vertex as a format reader finds it.
@@ -43,7 +46,7 @@ pub struct Vertex {
     pub position: [f64; 3],
     /// Normal as the file has it, of any length. Not yet checked to be finite.
     pub normal: Option<[f32; 3]>,
-    /// Red, green, blue and alpha; alpha is 255 where the file has none.
+    /// Red, green, blue and alpha, in sRGB; alpha is 255 where the file has none.
     pub colour: Option<[u8; 4]>,
     /// Texture coordinate as the file has it. Not yet checked to be finite.
     pub texture: Option<[f32; 2]>,
@@ -67,7 +70,7 @@ pub struct Face<'a> {
     pub textures: Wedges<'a, [f32; 2]>,
     /// Normals of the corners.
     pub normals: Wedges<'a, [f32; 3]>,
-    /// Red, green, blue and alpha; alpha is 255 where the file has none.
+    /// Red, green, blue and alpha, in sRGB; alpha is 255 where the file has none.
     pub colour: Option<[u8; 4]>,
     /// Number of its material, counted from 0 in the order in which they were pushed. It was pushed before.
     pub material: Option<u32>,
@@ -115,9 +118,12 @@ pub trait MeshSink {
 }
 
 /// Where [`read_mesh`] puts what passed its checks.
+///
+/// Attributes come only where they are asked for. In them all formats mean the same: colours are sRGB, and texture
+/// coordinates have v upwards, as OBJ has it (those of glTF are turned).
 pub trait TriangleSink {
-    /// Whether [`ReadSummary::attributes`] is of interest. Finding them may take longer, and what is wrong with them is an
-    /// error then.
+    /// Whether attributes, and [`ReadSummary::attributes`], are of interest. Finding them may take longer, and what is wrong with
+    /// them is an error then.
     fn wants_attributes(&self) -> bool {
         false
     }
@@ -135,6 +141,30 @@ pub trait TriangleSink {
     /// The next triangle: three vertex numbers, each of a vertex that came before or will still come, in the file's
     /// orientation. Two or three of them may be equal.
     fn triangle(&mut self, corners: [u64; 3]) -> Result<(), MeshError>;
+
+    /// What the last vertex has besides its position; not called where it has nothing.
+    fn vertex_attributes(&mut self, attributes: VertexAttributes) -> Result<(), MeshError> {
+        let _ = attributes;
+        Ok(())
+    }
+
+    /// What the last triangle and its corners have, in the order of the corners; not called where they have nothing.
+    fn triangle_attributes(&mut self, attributes: TriangleAttributes) -> Result<(), MeshError> {
+        let _ = attributes;
+        Ok(())
+    }
+
+    /// The next of the texture coordinates that corners name by number: finite.
+    fn texture_coordinate(&mut self, value: [f32; 2]) -> Result<(), MeshError> {
+        let _ = value;
+        Ok(())
+    }
+
+    /// The next of the normals that corners name by number: finite, of any length.
+    fn normal(&mut self, value: [f32; 3]) -> Result<(), MeshError> {
+        let _ = value;
+        Ok(())
+    }
 }
 
 /// The mesh formats that can be read.
@@ -291,7 +321,7 @@ pub enum MeshError {
     TooMany {
         /// The file in question.
         path: PathBuf,
-        /// What there is too much of: "vertices" or "triangles".
+        /// What there is too much of: "vertices", "triangles", "texture coordinates".
         kind: &'static str,
         /// How many there may be.
         most: u64,

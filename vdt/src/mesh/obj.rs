@@ -156,9 +156,10 @@ impl Materials {
         self.count += 1;
     }
 
-    /// The faces that follow have the material of this name. If no library has it, it has a name and nothing else.
+    /// The faces that follow have the material of this name. If no library has it, it has a name and nothing else; without a
+    /// name it is none.
     fn choose(&mut self, name: String, sink: &mut dyn MeshSink) -> Result<(), MeshError> {
-        if !self.by_name.contains_key(&name) {
+        if !name.is_empty() && !self.by_name.contains_key(&name) {
             self.add(&name);
             sink.material(Material { name: name.clone(), base_colour: None, image: None })?;
         }
@@ -358,6 +359,14 @@ mod tests {
     }
 
     const QUAD: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0.5\n";
+
+    #[test]
+    fn faces_behind_a_material_without_a_name_have_none() {
+        let text = format!("{QUAD}usemtl red\nf 1 2 3\nusemtl\nf 1 2 3\nusemtl red\nf 1 2 3\n");
+        let found = read_attributes(read, &[("a.obj", text.as_bytes())]).unwrap();
+        assert_eq!(found.materials.len(), 1);
+        assert_eq!(found.faces.iter().map(|face| face.material).collect::<Vec<_>>(), [Some(0), None, Some(0)]);
+    }
 
     #[test]
     fn points_lines_and_curves_are_counted_and_left_out() {

@@ -28,7 +28,7 @@ use super::polygon::{Corners, Strip};
 use super::text::{Scanner, Shown, Syntax, parse_integer, parse_real};
 use super::{Face, Material, MeshError, MeshSink, Vertex, mtl};
 
-/// How many elements, properties and images a header may declare.
+/// How many elements, properties, images and materials a header may declare.
 const DECLARATION_LIMIT: usize = 1000;
 
 /// Reads the whole of `path` into `sink`.
@@ -42,9 +42,25 @@ pub fn read(disk: &dyn Disk, path: &Path, sink: &mut dyn MeshSink) -> Result<(),
     let header = read_header(path, &mut scanner, sink.wants_attributes())?;
     let rows_of = |name| header.elements.iter().find(|element| element.name == name).map_or(0, |element| element.rows);
     sink.announce(rows_of("vertex"), rows_of("face"))?;
-    for name in &header.images {
-        let image = mtl::image(disk, path, name, sink)?;
-        sink.material(Material { name: name.clone(), base_colour: None, image })?;
+    if header.materials.is_empty() {
+        // Each image is a material.
+        for name in &header.images {
+            let image = mtl::image(disk, path, name, sink)?;
+            sink.material(Material { name: name.clone(), base_colour: None, image })?;
+        }
+    }
+    for HeaderMaterial { name, base_colour, image } in &header.materials {
+        let image = match image {
+            None => None,
+            Some(number) => {
+                let name = header.images.get(*number).ok_or_else(|| {
+                    let problem = format!("material '{name}' names image {number}, which is not there");
+                    MeshError::malformed(path, "header", problem)
+                })?;
+                mtl::image(disk, path, name, sink)?
+            }
+        };
+        sink.material(Material { name: name.clone(), base_colour: *base_colour, image })?;
     }
     match header.encoding {
         Encoding::Ascii => read_body(path, &header, &mut Ascii { scanner }, sink),
@@ -186,6 +202,35 @@ struct Header {
     elements: Vec<Element>,
     /// The names of images that comments give, if they are wanted.
     images: Vec<String>,
+    /// The materials that comments give, if they are wanted.
+    materials: Vec<HeaderMaterial>,
+}
+
+/// A material as a comment has it.
+#[derive(Debug)]
+struct HeaderMaterial {
+    name: String,
+    base_colour: Option<[f32; 4]>,
+    /// Number of the image in [`Header::images`].
+    image: Option<usize>,
+}
+
+impl Header {
+    /// The property of a face that says what material it has, if there are any.
+    fn material_property(&self) -> Option<&'static str> {
+        if !self.materials.is_empty() {
+            Some("material_index")
+        } else if !self.images.is_empty() {
+            Some("texnumber")
+        } else {
+            None
+        }
+    }
+
+    /// The material of faces that do not say: the only image of a file.
+    fn material_of_all(&self) -> Option<u32> {
+        (self.materials.is_empty() && self.images.len() == 1).then_some(0)
+    }
 }
 
 fn read_header(path: &Path, scanner: &mut Scanner, wants_images: bool) -> Result<Header, MeshError> {
@@ -194,7 +239,7 @@ fn read_header(path: &Path, scanner: &mut Scanner, wants_images: bool) -> Result
     }
     let mut encoding = None;
     let mut elements: Vec<Element> = Vec::new();
-    let mut images = Vec::new();
+    let (mut images, mut materials) = (Vec::new(), Vec::new());
     let mut declarations = 0;
     loop {
         scanner.next_line()?;
@@ -204,11 +249,15 @@ fn read_header(path: &Path, scanner: &mut Scanner, wants_images: bool) -> Result
         match scanner.word()?.map(Keyword::of) {
             None => continue,
             Some(Keyword::Comment) => {
-                if !wants_images || !scanner.is_ahead(b"TextureFile")? {
+                if wants_images && scanner.is_ahead(b"TextureFile")? {
+                    scanner.word()?;
+                    images.push(scanner.rest_of_line()?);
+                } else if wants_images && scanner.is_ahead(b"VdtMaterial")? {
+                    scanner.word()?;
+                    materials.push(read_material(scanner)?);
+                } else {
                     continue;
                 }
-                scanner.word()?;
-                images.push(scanner.rest_of_line()?);
             }
             Some(Keyword::Format) if encoding.is_some() => return Err(scanner.malformed("a second 'format'")),
             Some(Keyword::Format) => encoding = Some(read_format(scanner)?),
@@ -243,14 +292,40 @@ fn read_header(path: &Path, scanner: &mut Scanner, wants_images: bool) -> Result
         }
         declarations += 1;
         if declarations > DECLARATION_LIMIT {
-            let problem = format!("more than {DECLARATION_LIMIT} elements, properties and images are declared");
+            let problem =
+                format!("more than {DECLARATION_LIMIT} elements, properties, images and materials are declared");
             return Err(MeshError::malformed(path, "header", problem));
         }
     }
     match encoding {
-        Some(encoding) => Ok(Header { encoding, elements, images }),
+        Some(encoding) => Ok(Header { encoding, elements, images, materials }),
         None => Err(MeshError::malformed(path, "header", "there is no 'format' line")),
     }
+}
+
+/// What follows the word of a comment that is a material; the module `writer` says how it is written.
+fn read_material(scanner: &mut Scanner) -> Result<HeaderMaterial, MeshError> {
+    const EXPECTED: &str = "a material is the number of an image or '-', four numbers or '-', and a name";
+    let image = match scanner.word()? {
+        Some(b"-") => Some(None),
+        Some(word) => parse_integer(word).and_then(|number| usize::try_from(number).ok()).map(Some),
+        None => None,
+    };
+    let Some(image) = image else { return Err(scanner.malformed(EXPECTED)) };
+    let mut base_colour = None;
+    if scanner.is_ahead(b"-")? {
+        scanner.word()?;
+    } else {
+        let mut colour = [0.0; 4];
+        for channel in &mut colour {
+            let value =
+                scanner.word()?.and_then(parse_real).map(|value| value as f32).filter(|value| value.is_finite());
+            let Some(value) = value else { return Err(scanner.malformed(EXPECTED)) };
+            *channel = value;
+        }
+        base_colour = Some(colour);
+    }
+    Ok(HeaderMaterial { name: scanner.rest_of_line()?, base_colour, image })
 }
 
 /// The first word of a header line.
@@ -348,9 +423,9 @@ fn skipping(property: &Property) -> Step {
     }
 }
 
-/// Has what is stepped over read where it is an attribute. `with_images` says whether faces may name images.
-fn want_attributes(steps: &mut [Step], element: &Element, with_images: bool) {
-    for (place, channel) in attributes::channels(element, with_images) {
+/// Has what is stepped over read where it is an attribute. `material` is the property that says the material of a face.
+fn want_attributes(steps: &mut [Step], element: &Element, material: Option<&str>) {
+    for (place, channel) in attributes::channels(element, material) {
         if let Step::Skip { scalar } = steps[place] {
             steps[place] = Step::Attribute { channel, scalar };
         }
@@ -857,7 +932,7 @@ fn read_body<S: Source>(
     for element in elements {
         match element.name.as_str() {
             "vertex" => read_vertices(path, element, source, sink)?,
-            "face" => read_faces(path, element, header.images.len(), source, sink)?,
+            "face" => read_faces(path, element, header, source, sink)?,
             "tristrips" => read_strips(path, element, source, sink)?,
             name => {
                 // Edges are geometry; what else a file may hold (cameras, materials, ranges) is not.
@@ -879,7 +954,7 @@ fn read_vertices<S: Source>(
 ) -> Result<(), MeshError> {
     let mut steps = vertex_steps(path, element)?;
     if sink.wants_attributes() {
-        want_attributes(&mut steps, element, false);
+        want_attributes(&mut steps, element, None);
     }
     let channel_of = |step: &Step| if let Step::Attribute { channel, .. } = step { Some(*channel) } else { None };
     let blank = blank_vertex(steps.iter().filter_map(channel_of));
@@ -904,15 +979,15 @@ fn read_vertices<S: Source>(
 fn read_faces<S: Source>(
     path: &Path,
     element: &Element,
-    images: usize,
+    header: &Header,
     source: &mut S,
     sink: &mut dyn MeshSink,
 ) -> Result<(), MeshError> {
     let mut steps = corner_steps(path, element)?;
     let mut material = None;
     if sink.wants_attributes() {
-        want_attributes(&mut steps, element, images > 0);
-        material = (images == 1).then_some(0);
+        want_attributes(&mut steps, element, header.material_property());
+        material = header.material_of_all();
     }
     let quick = match FaceLayout::of(&steps) {
         Some(layout) if material.is_none() => source.quick_faces(&layout, element.rows, sink)?,
@@ -1212,7 +1287,7 @@ mod tests {
         assert_eq!(message, "file: line 5: a second property 'x' of element 'vertex'");
         let elements: String = (0..2000).map(|number| format!("element e{number} 0\n")).collect();
         let message = refusal(read, format!("ply\nformat ascii 1.0\n{elements}end_header\n"));
-        assert_eq!(message, "file: header: more than 1000 elements, properties and images are declared");
+        assert_eq!(message, "file: header: more than 1000 elements, properties, images and materials are declared");
     }
 
     #[test]

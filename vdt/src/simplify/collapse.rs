@@ -5,6 +5,10 @@
 //! key shrink, the old one stands). The cheaper direction is tried first; where it is not legal, the other direction
 //! becomes a candidate of its own, with its own key.
 //!
+//! Where colours or textures count ([`super::attribute_error`]), keys are *raised* by what the collapse changes on the surface.
+//! Raised keys cost more, so they are worked out only when a candidate's turn comes; if the raised key is above the
+//! candidate's, it waits as that. Cheaper and dearer are by raised keys, then.
+//!
 //! *Dependency ids* ([`crate::tree::id_after`]), and with them switch values, are monotone over the dependency DAG, not only
 //! over the tree: the id of a collapse has at least the class of its own error, and is above those of the collapses that last
 //! rewrote the triangles around the vertex that goes or took one away from there, and of its two child nodes
@@ -13,16 +17,18 @@
 //! monotone over that too was measured: switch values 3 to 8 % larger, and on three scans not one edge of the uniform cuts
 //! less used twice.)
 //!
-//! What a collapse reads are the stars of its two ends, their quadrics and nodes, and positions; what it writes are the
+//! What a collapse reads are the stars of its two ends, their quadrics and nodes, and positions and wedges; what it writes are the
 //! stars of the ring of the vertex that goes, and the vertex that stays. External passes rest on that (`unsettled`).
 
 use crate::tree::{ErrorBound, NormalCone, enclosing_cone, enclosing_radius, id_after};
 
+use super::attribute_error::AttributeError;
 use super::bound::{Rewriter, Rewritten};
 use super::legality::{Rings, Verdict};
 use super::live_mesh::{LiveMesh, Vertex};
-use super::log::LoggedCollapse;
+use super::log::{LoggedCollapse, WedgeImage};
 use super::metric::CollapseMetric;
+use super::wedge_images::WedgeImages;
 
 /// An edge that waits for its collapse. Ordered by key, then by a hash of the canonical ids (in id order, flat regions
 /// would be eaten up from one side), then by the ids: local ones, which keep the order of the canonical ones.
@@ -72,6 +78,17 @@ pub(super) struct Directions {
     pub dearer: (u32, u32, u32),
 }
 
+/// A direction of an edge with its raised key.
+#[derive(Debug, Clone, Copy)]
+struct Raised {
+    /// Bits of the key.
+    key: u32,
+    gone: u32,
+    stays: u32,
+    /// What the collapse changes on the surface, normalised.
+    attribute_error: f32,
+}
+
 /// What became of a candidate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Outcome {
@@ -79,6 +96,8 @@ pub(super) enum Outcome {
     Gone,
     /// Its key has grown: it is to wait as this.
     Grown(Candidate),
+    /// Its raised key is above its key: it is to wait as this.
+    Raised(Candidate),
     /// The cheaper direction is not legal: the other one is to wait as this.
     OtherWay(Candidate),
     /// Neither direction is legal, as things stand.
@@ -117,6 +136,8 @@ pub(super) struct Engine<M> {
     /// The component that the end phase is at.
     pub watched: Watched,
     rings: Rings,
+    wedge_rules: WedgeImages,
+    attribute_error: AttributeError,
     /// Works out certified errors; none where the metric's are asked for.
     rewriter: Option<Rewriter>,
     dead: Vec<(u32, u32)>,
@@ -126,6 +147,8 @@ pub(super) struct Engine<M> {
     pub collapses: Vec<LoggedCollapse>,
     /// Deaths that the caller has yet to take away: triangle, vertex born by the collapse.
     pub deaths: Vec<(u32, u32)>,
+    /// Images of wedges that the caller has yet to take away.
+    pub wedge_images: Vec<WedgeImage>,
     /// Mesh units per normalised unit.
     unit: f64,
 }
@@ -148,11 +171,14 @@ impl<M: CollapseMetric> Engine<M> {
             rules: Rules::Strict,
             watched: Watched::default(),
             rings: Rings::default(),
+            wedge_rules: WedgeImages::default(),
+            attribute_error: AttributeError::default(),
             rewriter: bound.is_certified().then(|| Rewriter::new(bound)),
             dead: Vec::new(),
             round: 0,
             collapses: Vec::new(),
             deaths: Vec::new(),
+            wedge_images: Vec::new(),
             unit: crate::ingest::power_of_two(exponent),
         }
     }
@@ -165,7 +191,7 @@ impl<M: CollapseMetric> Engine<M> {
     /// Lets go of the mesh, and of the memory that it took.
     pub fn release(&mut self) {
         self.mesh.release();
-        (self.collapses, self.deaths) = Default::default();
+        (self.collapses, self.deaths, self.wedge_images) = Default::default();
     }
 
     /// Mesh units per normalised unit.
@@ -209,26 +235,75 @@ impl<M: CollapseMetric> Engine<M> {
             return Outcome::Gone;
         }
         let directions = self.directions(low, high);
-        let (key, gone, stays) = if candidate.is_dearer() { directions.dearer } else { directions.cheaper };
+        let (key, mut gone, mut stays) = if candidate.is_dearer() { directions.dearer } else { directions.cheaper };
         if key > candidate.key {
             return Outcome::Grown(Candidate { key, ..candidate });
+        }
+        let mut attribute_error = 0.0;
+        if self.mesh.wedges.heeded().counts() {
+            if !self.mesh.has_edge(gone, stays) {
+                return Outcome::Gone;
+            }
+            let raised = self.raised(directions, candidate.is_dearer());
+            if raised.key > candidate.key {
+                return Outcome::Raised(Candidate { key: raised.key, ..candidate });
+            }
+            Raised { gone, stays, attribute_error, .. } = raised;
         }
         let verdict = match self.rules {
             Rules::Strict => self.rings.judge(&self.mesh, gone, stays),
             Rules::Relaxed => self.rings.look(&self.mesh, gone, stays),
         };
+        let verdict = self.with_seams(verdict, gone, stays);
         match verdict {
             Verdict::Legal => {}
             Verdict::NoEdge => return Outcome::Gone,
             Verdict::Illegal if candidate.is_dearer() => return Outcome::Illegal,
             Verdict::Illegal => return Outcome::OtherWay(candidate.dearer(candidate.key.max(directions.dearer.0))),
         }
-        self.collapse(gone, stays);
+        self.collapse(gone, stays, attribute_error);
         Outcome::Collapsed { stays }
     }
 
-    /// Collapses `gone`, whose ring is at hand, onto `stays`.
-    fn collapse(&mut self, gone: u32, stays: u32) {
+    /// The direction of an edge that is cheaper by its raised key, or the dearer one. The raised keys of both are only worked out
+    /// where that may make a difference.
+    fn raised(&mut self, directions: Directions, is_dearer: bool) -> Raised {
+        let Directions { cheaper, dearer } = directions;
+        let first = self.raise(cheaper);
+        if !is_dearer && first.key < dearer.0 {
+            return first;
+        }
+        let second = self.raise(dearer);
+        // Equal keys: the larger canonical id goes.
+        let order = |raised: &Raised| (raised.key, self.mesh.vertices[raised.stays as usize].id);
+        if (order(&second) < order(&first)) != is_dearer { second } else { first }
+    }
+
+    /// Raises the key of a direction by its attribute error.
+    fn raise(&mut self, (key, gone, stays): (u32, u32, u32)) -> Raised {
+        let Engine { mesh, metric, wedge_rules, attribute_error: measure, .. } = self;
+        wedge_rules.find(mesh, gone, stays);
+        let attribute_error = measure.measure(mesh, gone, stays, wedge_rules.images());
+        let [first, second] = [gone, stays].map(|end| &mesh.vertices[end as usize].quadric);
+        let key = metric.raised(f32::from_bits(key), first, second, attribute_error).to_bits();
+        Raised { key, gone, stays, attribute_error }
+    }
+
+    /// What the seams of the texture make of a verdict. Finds what the wedges of `gone` turn into.
+    fn with_seams(&mut self, verdict: Verdict, gone: u32, stays: u32) -> Verdict {
+        if verdict != Verdict::Legal || !self.mesh.wedges.heeded().seams {
+            return verdict;
+        }
+        self.wedge_rules.find(&self.mesh, gone, stays);
+        if self.rules == Rules::Relaxed || self.wedge_rules.keep_seams(&self.mesh, gone, stays) {
+            Verdict::Legal
+        } else {
+            Verdict::Illegal
+        }
+    }
+
+    /// Collapses `gone`, whose ring and whose wedges' images are at hand, onto `stays`.
+    fn collapse(&mut self, gone: u32, stays: u32, attribute_error: f32) {
         let d = self.mesh.displacement(gone, stays);
         let gone_quadric = self.mesh.vertices[gone as usize].quadric;
         let Rewritten { mut error, latest: of_others } = self.error_of(gone, stays, d);
@@ -244,8 +319,14 @@ impl<M: CollapseMetric> Engine<M> {
                 error = error.max(self.watched.diameter);
             }
         }
-        let order = id_after(error, latest);
+        let attribute_error =
+            if self.rules == Rules::Relaxed { attribute_error.min(self.watched.diameter) } else { attribute_error };
+        let order = id_after(error.max(attribute_error), latest);
 
+        if self.mesh.wedges.heeded().seams {
+            self.mesh.rewrite_corners(gone, stays, self.wedge_rules.images());
+            self.log_images(gone, stays);
+        }
         let stays_quadric = &mut self.mesh.vertices[stays as usize].quadric;
         self.metric.merge(&gone_quadric, stays_quadric, d);
         self.mesh.touch(gone, self.round);
@@ -288,6 +369,15 @@ impl<M: CollapseMetric> Engine<M> {
         }
     }
 
+    /// Logs what the wedges of `gone` turn into, unless there is only one at `stays`.
+    fn log_images(&mut self, gone: u32, stays: u32) {
+        if self.mesh.wedges.of(stays).len() > 1 {
+            let born = self.mesh.nodes[gone as usize].id;
+            let images = (0..).zip(self.wedge_rules.images());
+            self.wedge_images.extend(images.map(|(wedge, image)| WedgeImage { born, wedge, image: *image as u16 }));
+        }
+    }
+
     /// Makes the node of `gone` a child of that of `stays`, and logs it.
     fn write_down(&mut self, gone: u32, stays: u32, order: u32) {
         let born = self.mesh.nodes[gone as usize];
@@ -316,6 +406,10 @@ impl<M: CollapseMetric> Engine<M> {
     /// largest id of what the union depends on besides the two.
     pub fn join(&mut self, kept: u32, born: u32, error: f32, latest: u32) {
         let [of_kept, of_born] = [kept, born].map(|vertex| self.mesh.nodes[vertex as usize].order);
+        if self.mesh.wedges.heeded().seams {
+            self.wedge_rules.find(&self.mesh, born, kept);
+            self.log_images(born, kept);
+        }
         self.write_down(born, kept, id_after(error, latest.max(of_kept).max(of_born)));
     }
 }

@@ -77,7 +77,7 @@ fn collapse_all<M: CollapseMetric>(
     while let Some(Reverse(candidate)) = heap.pop() {
         match engine.attempt(candidate) {
             Outcome::Gone | Outcome::Illegal => {}
-            Outcome::Grown(again) | Outcome::OtherWay(again) => heap.push(Reverse(again)),
+            Outcome::Grown(again) | Outcome::OtherWay(again) | Outcome::Raised(again) => heap.push(Reverse(again)),
             Outcome::Collapsed { stays } => {
                 // The quadric of `stays` has changed, and with it the keys of all its edges.
                 engine.mesh.fill_ring(stays, &mut ring);

@@ -1,4 +1,4 @@
-//! Where everything that happens is written down: the log of collapses, and the death of each triangle.
+//! Where everything that happens is written down: the log of collapses, the death of each triangle, what wedges turn into.
 //!
 //! Several threads share it. What one of them writes down stays in its order.
 
@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use storage::{Scatter, Scratch, SpoolWriter, StorageError};
 
 use super::collapse::Engine;
-use super::log::{LoggedCollapse, LoggedRoot, Simplified};
+use super::log::{LoggedCollapse, LoggedRoot, Simplified, WedgeImage};
 
 #[derive(Debug)]
 pub(super) struct Journal {
@@ -18,14 +18,17 @@ pub(super) struct Journal {
 struct Inner {
     log: SpoolWriter<LoggedCollapse>,
     deaths: Scatter<u32>,
+    wedge_images: SpoolWriter<WedgeImage>,
 }
 
 impl Journal {
-    /// For a mesh of so many triangles. `ram_bytes` are for the deaths, and half as many for the log.
+    /// For a mesh of so many triangles. `ram_bytes` are for the deaths, and half as many for the log; an eighth for what
+    /// wedges turn into, where there are seams.
     pub fn new(scratch: &Scratch, triangles: u64, ram_bytes: usize) -> Self {
         let log = SpoolWriter::new(scratch, "log", ram_bytes / 2);
         let deaths = Scatter::new(scratch, "deaths", triangles, ram_bytes);
-        Journal { inner: Mutex::new(Inner { log, deaths }) }
+        let wedge_images = SpoolWriter::new(scratch, "wedge-images", ram_bytes / 8);
+        Journal { inner: Mutex::new(Inner { log, deaths, wedge_images }) }
     }
 
     /// Takes away what an engine has written down.
@@ -33,6 +36,8 @@ impl Journal {
         let mut inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
         inner.log.extend(&engine.collapses)?;
         engine.collapses.clear();
+        inner.wedge_images.extend(&engine.wedge_images)?;
+        engine.wedge_images.clear();
         for (triangle, born) in engine.deaths.drain(..) {
             inner.deaths.put(triangle, born)?;
         }
@@ -51,8 +56,16 @@ impl Journal {
         rounds: u32,
         legal_collapses: u64,
     ) -> Result<Simplified, StorageError> {
-        let Inner { log, deaths } = self.inner.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let Inner { log, deaths, wedge_images } = self.inner.into_inner().unwrap_or_else(PoisonError::into_inner);
         roots.sort_unstable_by_key(|root| root.vertex);
-        Ok(Simplified { log: log.finish()?, deaths: deaths.finish()?, roots, rounds, legal_collapses, spanned: None })
+        Ok(Simplified {
+            log: log.finish()?,
+            deaths: deaths.finish()?,
+            roots,
+            wedge_images: wedge_images.finish()?,
+            rounds,
+            legal_collapses,
+            spanned: None,
+        })
     }
 }

@@ -6,7 +6,8 @@
 //! everything is packed again ([`LiveMesh::compact`]). Local ids always keep the order of the canonical ids, so no
 //! comparison ever depends on which part of the mesh this is, or on when it was packed.
 //!
-//! What each triangle answers for, where certified switch values are asked for, is beside them (`bound`).
+//! What each triangle answers for, where certified switch values are asked for, is beside them (`bound`), and so are the
+//! wedges of a mesh with attributes (`live_wedges`).
 //!
 //! Memory: 112 bytes per vertex, 20 per triangle, what `bound` needs, the pool of 4 bytes per corner, and 8 + 8 + 4 on
 //! average for each star.
@@ -14,9 +15,10 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::ingest::power_of_two;
-use crate::tree::{ErrorBound, Normal};
+use crate::tree::{CornerPlaces, ErrorBound, Normal};
 
 use super::bound::Covers;
+use super::live_wedges::{Heeded, LiveWedges};
 use super::metric::Quadric;
 
 /// Bit of [`Vertex::state`]: the vertex lies on an edge that is not regular.
@@ -217,6 +219,8 @@ pub(super) struct LiveMesh {
     pub triangle_ids: Vec<u32>,
     /// What each triangle answers for.
     pub covers: Covers,
+    /// The wedges of the vertices and of the corners.
+    pub wedges: LiveWedges,
     pool: Vec<u32>,
     /// How long the pool was when the stars were laid out.
     packed_pool: usize,
@@ -239,8 +243,8 @@ fn room_for(degree: usize) -> usize {
 
 impl LiveMesh {
     /// A mesh without anything in it. `corner`, in mesh units, is one of the box of the whole mesh. `bound`
-    /// says what is noted of each triangle.
-    pub fn new(normalisation: Normalisation, corner: [f32; 3], bound: ErrorBound) -> Self {
+    /// says what is noted of each triangle, `heeded` which attributes there are.
+    pub fn new(normalisation: Normalisation, corner: [f32; 3], bound: ErrorBound, heeded: Heeded) -> Self {
         LiveMesh {
             normalisation,
             reference: normalisation.apply(corner),
@@ -249,6 +253,7 @@ impl LiveMesh {
             triangles: Vec::new(),
             triangle_ids: Vec::new(),
             covers: Covers::new(bound),
+            wedges: LiveWedges::new(heeded),
             pool: Vec::new(),
             packed_pool: 0,
             places: Vec::new(),
@@ -263,6 +268,7 @@ impl LiveMesh {
         self.triangles.clear();
         self.triangle_ids.clear();
         self.covers.clear();
+        self.wedges.clear();
         self.pool.clear();
         self.live_triangles = 0;
     }
@@ -270,7 +276,8 @@ impl LiveMesh {
     /// Lets go of everything in it, and of the memory that it took.
     pub fn release(&mut self) {
         let LiveMesh { normalisation, reference, .. } = *self;
-        *self = LiveMesh { reference, ..LiveMesh::new(normalisation, [0.0; 3], self.covers.bound()) };
+        let empty = LiveMesh::new(normalisation, [0.0; 3], self.covers.bound(), self.wedges.heeded());
+        *self = LiveMesh { reference, ..empty };
     }
 
     /// Appends a vertex, whose canonical id is larger than all before.
@@ -285,6 +292,7 @@ impl LiveMesh {
         self.triangles.push(triangle);
         self.triangle_ids.push(id);
         self.covers.push(residual);
+        self.wedges.push_triangle();
         self.live_triangles += 1;
     }
 
@@ -295,6 +303,7 @@ impl LiveMesh {
         self.triangles.reserve_exact(triangles);
         self.triangle_ids.reserve_exact(triangles);
         self.covers.reserve(triangles);
+        self.wedges.reserve(triangles);
     }
 
     /// Lays out all stars anew, from the triangles: each in the order of the triangles.
@@ -395,6 +404,11 @@ impl LiveMesh {
         ring.extend(self.star(vertex).iter().map(|triangle| self.others(*triangle, vertex)));
     }
 
+    /// Whether a triangle has both of these vertices.
+    pub fn has_edge(&self, a: u32, b: u32) -> bool {
+        self.star(a).iter().any(|triangle| self.triangles[*triangle as usize].corners.contains(&b))
+    }
+
     /// The displacement from one vertex to another.
     #[inline]
     pub fn displacement(&self, from: u32, to: u32) -> [f32; 3] {
@@ -416,6 +430,20 @@ impl LiveMesh {
     pub fn touch(&mut self, vertex: u32, round: u32) {
         let state = &mut self.vertices[vertex as usize].state;
         *state = *state & !ROUND | round;
+    }
+
+    /// Gives the corners at `gone` of the triangles that survive its collapse onto `stays` the images of their wedges, turned
+    /// as [`Self::contract`] will turn the triangles.
+    pub fn rewrite_corners(&mut self, gone: u32, stays: u32, images: &[u32]) {
+        for index in 0..self.star(gone).len() {
+            let triangle = self.star(gone)[index] as usize;
+            let corners = self.triangles[triangle].corners;
+            let Some(first) = corners.iter().position(|corner| *corner == gone) else { continue };
+            if !corners.contains(&stays) {
+                let [own, next, previous] = self.wedges.corners(triangle).turned(first).places();
+                self.wedges.set_corners(triangle, CornerPlaces::of([images[own as usize], next, previous]));
+            }
+        }
     }
 
     /// Moves every triangle of the star of `gone`, whose ring is `ring`, to `stays`; `dead` receives those that had
@@ -492,6 +520,8 @@ impl LiveMesh {
         if (small || self.live_triangles * 10 >= self.triangles.len() * 7) && !grown {
             return;
         }
+        let vertices = &self.vertices;
+        self.wedges.keep_vertices(|vertex| !vertices[vertex].is_gone());
         let mut renumbered = vec![0; self.vertices.len()];
         let mut kept = 0;
         for old in 0..self.vertices.len() {
@@ -512,12 +542,14 @@ impl LiveMesh {
                 self.triangles[kept] = Triangle { corners, order };
                 self.triangle_ids[kept] = self.triangle_ids[old];
                 self.covers.renumber(old, kept);
+                self.wedges.renumber_triangle(old, kept);
                 kept += 1;
             }
         }
         self.triangles.truncate(kept);
         self.triangle_ids.truncate(kept);
         self.covers.truncate(kept);
+        self.wedges.truncate_triangles(kept);
         self.build_stars();
     }
 

@@ -40,6 +40,18 @@ pub struct LoggedCollapse {
     pub normal: Normal,
 }
 
+/// A wedge of a vertex that went, and what it turned into. 8 bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct WedgeImage {
+    /// The vertex that went, by its canonical id.
+    pub born: u32,
+    /// The place of the wedge among those of that vertex.
+    pub wedge: u16,
+    /// The place of its image among those of the vertex that stayed.
+    pub image: u16,
+}
+
 /// What is left of a component: one vertex, under which all others are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LoggedRoot {
@@ -66,6 +78,9 @@ pub struct Simplified {
     pub deaths: Scattered<u32>,
     /// The roots, by ascending vertex.
     pub roots: Vec<LoggedRoot>,
+    /// The images of all wedges of each vertex that went onto one with several wedges, in no particular order. The image of
+    /// any other wedge is the only one there is.
+    pub wedge_images: Spool<WedgeImage>,
     /// Rounds that kept all legality tests (1 with the priority queue).
     pub rounds: u32,
     /// Collapses that kept all legality tests.
@@ -80,6 +95,7 @@ pub struct KeptSimplified {
     log: KeptSpool,
     deaths: KeptScattered,
     roots: KeptSpool,
+    wedge_images: KeptSpool,
     rounds: u32,
     legal_collapses: u64,
     /// Holds the file of the roots until the checkpoint has taken it over.
@@ -90,7 +106,11 @@ pub struct KeptSimplified {
 impl KeptSimplified {
     /// Its files in the scratch.
     pub fn files(&self) -> impl Iterator<Item = String> + '_ {
-        [&self.log.file, &self.roots.file].into_iter().flatten().cloned().chain(self.deaths.files())
+        [&self.log.file, &self.roots.file, &self.wedge_images.file]
+            .into_iter()
+            .flatten()
+            .cloned()
+            .chain(self.deaths.files())
     }
 }
 
@@ -104,6 +124,7 @@ impl Simplified {
             log: self.log.keep(scratch, "log")?,
             deaths: self.deaths.keep(scratch, "deaths")?,
             roots: roots.keep(scratch, "roots")?,
+            wedge_images: self.wedge_images.keep(scratch, "wedge-images")?,
             rounds: self.rounds,
             legal_collapses: self.legal_collapses,
             _roots_file: Some(roots),
@@ -123,6 +144,7 @@ impl Simplified {
             log: Spool::reopen(scratch, &kept.log)?,
             deaths: Scattered::reopen(scratch, &kept.deaths)?,
             roots,
+            wedge_images: Spool::reopen(scratch, &kept.wedge_images)?,
             rounds: kept.rounds,
             legal_collapses: kept.legal_collapses,
             spanned: None,

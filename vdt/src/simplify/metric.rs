@@ -137,6 +137,10 @@ pub trait CollapseMetric: Copy + Send + Sync {
     /// `d` from the first: that of the first one's going, and that of the second one's. At least 0, never -0.0 or NaN.
     fn keys(&self, first: &Quadric, second: &Quadric, d: [f32; 3]) -> [f32; 2];
 
+    /// A key raised by what the collapse changes on the surface: by the square of that length, weighted as the key is. At
+    /// least the key.
+    fn raised(&self, key: f32, first: &Quadric, second: &Quadric, attribute_error: f32) -> f32;
+
     /// The error of the collapse as a length: what its switch value starts from.
     fn error(&self, gone: &Quadric, stays: &Quadric, d: [f32; 3]) -> f32;
 
@@ -162,6 +166,10 @@ impl CollapseMetric for QuadricMetric {
         ]
     }
 
+    fn raised(&self, key: f32, first: &Quadric, second: &Quadric, attribute_error: f32) -> f32 {
+        key + (first.weight() + second.weight()) * (attribute_error * attribute_error)
+    }
+
     fn error(&self, gone: &Quadric, stays: &Quadric, d: [f32; 3]) -> f32 {
         let weight = gone.weight() + stays.weight();
         if weight > 0.0 { ((at_least_zero(gone.at(d)) + stays.c) / weight).sqrt() } else { 0.0 }
@@ -184,6 +192,10 @@ impl CollapseMetric for LengthMetric {
     #[inline]
     fn keys(&self, _: &Quadric, _: &Quadric, d: [f32; 3]) -> [f32; 2] {
         [square(d); 2]
+    }
+
+    fn raised(&self, key: f32, _: &Quadric, _: &Quadric, attribute_error: f32) -> f32 {
+        key + attribute_error * attribute_error
     }
 
     fn error(&self, _: &Quadric, _: &Quadric, d: [f32; 3]) -> f32 {

@@ -4,6 +4,9 @@
 //! |---|---|
 //! | [`metric`] | what a collapse costs: quadric error, or edge length |
 //! | `live_mesh` | the mesh that is left: vertices, stars, triangles |
+//! | `live_wedges` | its wedges: colours, places in textures, materials, normals |
+//! | `wedge_images` | what wedges turn into, and whether the seams of the texture allow a collapse |
+//! | `attribute_error` | how much a collapse changes what is on the surface |
 //! | `legality` | link condition, boundaries and non-manifold edges, fold-overs |
 //! | `bound` | certified errors: how far the input is from what a collapse leaves, at most |
 //! | `collapse` | one collapse: tried, made, written down |
@@ -20,6 +23,7 @@
 //! Determinism: all sums have a fixed order, nothing is fused or vectorised by the machine's features, and only +, -,
 //! *, / and square roots are used, which IEEE 754 fixes to the bit.
 
+mod attribute_error;
 mod bound;
 mod collapse;
 mod components;
@@ -28,8 +32,10 @@ mod initial;
 mod journal;
 mod legality;
 mod live_mesh;
+mod live_wedges;
 pub mod log;
 pub mod metric;
+mod nearby;
 mod passes;
 mod plan;
 mod prefetch;
@@ -40,6 +46,7 @@ mod rounds;
 mod seams;
 mod spanned;
 mod unsettled;
+mod wedge_images;
 
 pub use spanned::{SpannedCounters, SpannedError};
 use storage::{ByteSize, EdgeTreeKind, Scratch, StorageError};
@@ -51,10 +58,11 @@ use collapse::Engine;
 use components::{BlockLabels, Labels};
 use journal::Journal;
 use live_mesh::{LiveMesh, Normalisation};
+use live_wedges::Heeded;
 use log::Simplified;
 use metric::{CollapseMetric, LengthMetric, QuadricMetric};
 use passes::Left;
-use plan::Plan;
+use plan::{Carried, Plan};
 use queue::Waiting;
 use rounds::{Histogram, Schedule};
 use spanned::{Shares, Task};
@@ -151,7 +159,7 @@ pub fn simplify(
 ) -> Result<Simplified, SimplifyError> {
     // What the mesh holds in RAM is not there for anything else.
     let memory = options.memory.0.saturating_sub(mesh.ram_bytes());
-    let plan = Plan::new(memory, options.threads, options.error_bound);
+    let plan = Plan::new(memory, options.threads, Carried::of(mesh, options.error_bound));
     if options.strategy == Strategy::Btree && mesh.triangles.len() > plan.queue_triangles {
         let result = simplify_spanned(mesh, options, ByteSize(memory), scratch, progress);
         return result.map(|(simplified, counters)| Simplified { spanned: Some(counters), ..simplified });
@@ -203,7 +211,7 @@ fn run<M: CollapseMetric>(
     let journal = Journal::new(scratch, triangles, plan.memory as usize / 16);
     let mut schedule = Schedule::new(triangles);
     let left = if triangles <= plan.core_triangles {
-        load(mesh, metric, plan.bound, scratch)?
+        load(mesh, metric, plan.carried.bound, scratch)?
     } else {
         passes::run(mesh, metric, &plan, scratch, &journal, &mut schedule, progress)?
     };
@@ -237,14 +245,20 @@ fn load<M: CollapseMetric>(
     bound: ErrorBound,
     scratch: &Scratch,
 ) -> Result<Left<M>, StorageError> {
-    let mut live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0], bound);
+    let heeded = Heeded::of(mesh.attributes.as_ref());
+    let mut live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0], bound, heeded);
     let everything = [mesh.positions.len(), mesh.triangles.len()].map(|count| [0, count as u32]);
     let (positions, corners) = (&mesh.positions, &mesh.triangles);
     initial::load(&mut live, positions, corners, everything, &[], metric.uses_quadrics(), &mut Vec::new())?;
+    if let Some(attributes) = &mesh.attributes {
+        live.load_first_attributes(attributes, 0)?;
+    }
     let mut labels = Labels::new(scratch);
     labels.add(&BlockLabels::of(&mut live, |_| false))?;
     Ok(Left::Core(Engine::new(live, metric, mesh.exponent, bound), labels.join()?))
 }
 
+#[cfg(test)]
+mod attribute_tests;
 #[cfg(test)]
 mod tests;

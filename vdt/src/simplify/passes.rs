@@ -19,7 +19,8 @@
 //! that it has whole. What is done never depends on blocks, groups, threads or memory.
 //!
 //! Memory: a block and its buffers for each thread. I/O of a pass: what is left of the mesh is read and written once, 92
-//! bytes for each vertex, 24 for each triangle and 56 for each piece that one keeps (see `bound`), and the seams twice.
+//! bytes for each vertex, 24 for each triangle and 56 for each piece that one keeps (see `bound`), and the seams twice. Of a
+//! mesh with attributes, 4 bytes more for each triangle and 8 for each vertex, where they are needed, and its wedges are read.
 
 use std::collections::HashSet;
 use std::sync::{Mutex, PoisonError};
@@ -28,12 +29,13 @@ use bytemuck::{Pod, Zeroable};
 use storage::{Scratch, Spool, SpoolWriter, StorageError};
 
 use crate::ingest::StoredMesh;
-use crate::tree::ErrorBound;
+use crate::tree::{ErrorBound, MeshAttributes};
 
 use super::collapse::{Candidate, Engine};
 use super::components::{BlockLabels, Components, Labels};
 use super::journal::Journal;
 use super::live_mesh::{LiveMesh, Normalisation, Vertex};
+use super::live_wedges::Heeded;
 use super::log::LoggedRoot;
 use super::metric::CollapseMetric;
 use super::plan::Plan;
@@ -84,7 +86,7 @@ impl Content {
 
 /// What a piece of the mesh takes in memory, see [`Plan::load`].
 fn load(piece: &Piece, plan: &Plan) -> u64 {
-    plan.load(piece.triangles.len(), piece.cut_pieces.len())
+    plan.load(piece.triangles.len(), piece.cut_pieces.len(), piece.wedges)
 }
 
 /// What is settled of a group, by the numbers that blocks have in the next pass.
@@ -135,7 +137,8 @@ struct Workspace<M> {
 
 impl<M: CollapseMetric> Workspace<M> {
     fn new(mesh: &StoredMesh, metric: M, bound: ErrorBound) -> Self {
-        let live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0], bound);
+        let heeded = Heeded::of(mesh.attributes.as_ref());
+        let live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0], bound, heeded);
         Workspace {
             engine: Engine::new(live, metric, mesh.exponent, bound),
             batch: Batch::default(),
@@ -236,7 +239,7 @@ impl Pass<'_> {
     }
 
     fn piece_writer(&self, name: &str) -> PieceWriter {
-        PieceWriter::new(self.scratch, name, self.plan.bound, self.plan.buffer_bytes)
+        PieceWriter::new(self.scratch, name, self.plan.carried, self.plan.buffer_bytes)
     }
 
     /// Does block `number`, which is loaded. Returns what is settled of it, its seam, and how many edges were in its
@@ -282,7 +285,8 @@ impl Pass<'_> {
         let (first, last) = (seams[0].first, seams[seams.len() - 1].last);
         let pieces = || seams.iter().flat_map(|seam| &seam.pieces).map(|(home, piece)| (*home, piece));
         let Workspace { engine, spans, homes, .. } = workspace;
-        read_pieces(&mut engine.mesh, pieces(), spans, homes, self.plan.buffer_bytes * 2)?;
+        let attributes = self.mesh.attributes.as_ref();
+        read_pieces(&mut engine.mesh, attributes, pieces(), spans, homes, self.plan.buffer_bytes * 2)?;
         let is_shared = |span: Span| !is_last && !span.is_within(first, last);
         unsettle_seams(&mut engine.mesh, |vertex| is_shared(spans[vertex]));
         // What was stale in the parts is known here; what is so for the group is noted anew.
@@ -407,7 +411,7 @@ pub(super) fn run<M: CollapseMetric>(
     scratch.release_memory();
     let labels = Mutex::new(Labels::new(scratch));
     let mut blocks = Blocks::of(mesh);
-    let mut workspaces: Vec<_> = (0..plan.threads).map(|_| Workspace::new(mesh, metric, plan.bound)).collect();
+    let mut workspaces: Vec<_> = (0..plan.threads).map(|_| Workspace::new(mesh, metric, plan.carried.bound)).collect();
     schedule.begin_cycle(histogram.take_limits(), blocks.triangles());
     let mut shared_vertices = mesh.seam_vertices.len();
     let progress = Mutex::new(progress);
@@ -472,7 +476,7 @@ pub(super) fn run<M: CollapseMetric>(
     drop(inboxes);
     let components = labels.into_inner().unwrap_or_else(PoisonError::into_inner).join()?;
     if !blocks.fit(plan) {
-        let end = EndPhase { plan, scratch, journal, components: &components };
+        let end = EndPhase { attributes: mesh.attributes.as_ref(), plan, scratch, journal, components: &components };
         let legal_collapses = journal.collapses();
         let roots = end.run(&mut workspaces, blocks)?;
         return Ok(Left::Roots { roots, legal_collapses });
@@ -480,18 +484,20 @@ pub(super) fn run<M: CollapseMetric>(
     // The memory of blocks is let go before the whole mesh takes it.
     drop(workspaces);
     scratch.release_memory();
-    let mut workspace = Workspace::new(mesh, metric, plan.bound);
+    let mut workspace = Workspace::new(mesh, metric, plan.carried.bound);
     let all = blocks.contents.iter().flat_map(|content| match content {
         Content::Initial(_) => [].iter(),
         Content::Pieces(pieces) => pieces.iter(),
     });
     let Workspace { engine, spans, homes, .. } = &mut workspace;
-    read_pieces(&mut engine.mesh, all.map(|piece| (0, piece)), spans, homes, plan.memory as usize / 16)?;
+    let (attributes, all) = (mesh.attributes.as_ref(), all.map(|piece| (0, piece)));
+    read_pieces(&mut engine.mesh, attributes, all, spans, homes, plan.memory as usize / 16)?;
     Ok(Left::Core(workspace.engine, components))
 }
 
 /// The end phase of a mesh that does not fit in memory.
 struct EndPhase<'a> {
+    attributes: Option<&'a MeshAttributes>,
     plan: &'a Plan,
     scratch: &'a Scratch,
     journal: &'a Journal,
@@ -509,7 +515,7 @@ impl EndPhase<'_> {
             let Content::Pieces(pieces) = &blocks.contents[number] else { return Ok((Vec::new(), None)) };
             let Workspace { engine, spans, homes, .. } = workspace;
             let pieces = pieces.iter().map(|piece| (number as u16, piece));
-            read_pieces(&mut engine.mesh, pieces, spans, homes, self.plan.buffer_bytes * 2)?;
+            read_pieces(&mut engine.mesh, self.attributes, pieces, spans, homes, self.plan.buffer_bytes * 2)?;
             spans.iter_mut().for_each(|span| *span = span.renumbered(&blocks.numbers));
             self.take_whole(workspace, number as u16, number as u16, false)
         })?;
@@ -523,7 +529,7 @@ impl EndPhase<'_> {
             workspace.clear();
             let pieces = seams.iter().flat_map(|seam| &seam.pieces).map(|(home, piece)| (*home, piece));
             let Workspace { engine, spans, homes, .. } = workspace;
-            read_pieces(&mut engine.mesh, pieces, spans, homes, self.plan.buffer_bytes * 2)?;
+            read_pieces(&mut engine.mesh, self.attributes, pieces, spans, homes, self.plan.buffer_bytes * 2)?;
             self.take_whole(workspace, seams[0].first, seams[seams.len() - 1].last, is_last)
         })?;
         roots.extend(found.into_iter().flatten());
@@ -552,7 +558,7 @@ impl EndPhase<'_> {
         if elsewhere.is_empty() {
             return Ok((roots, None));
         }
-        let writer = PieceWriter::new(self.scratch, "parts", self.plan.bound, self.plan.buffer_bytes);
+        let writer = PieceWriter::new(self.scratch, "parts", self.plan.carried, self.plan.buffer_bytes);
         let piece = writer.write(&engine.mesh, spans, |_| true, |_| true, places)?;
         let undecided = Spool::from_vec(Vec::new());
         Ok((roots, Some(Seam { first, last, pieces: vec![(first, piece)], undecided })))
@@ -572,7 +578,8 @@ fn load_block<M: CollapseMetric>(
     match &blocks.contents[number] {
         Content::Pieces(pieces) => {
             let pieces = pieces.iter().map(|piece| (number as u16, piece));
-            read_pieces(&mut engine.mesh, pieces, spans, homes, pass.plan.buffer_bytes * 2)?;
+            let attributes = pass.mesh.attributes.as_ref();
+            read_pieces(&mut engine.mesh, attributes, pieces, spans, homes, pass.plan.buffer_bytes * 2)?;
             spans.iter_mut().for_each(|span| *span = span.renumbered(&blocks.numbers));
             Ok(())
         }
@@ -593,6 +600,9 @@ fn load_block<M: CollapseMetric>(
                 engine.metric.uses_quadrics(),
                 spans,
             )?;
+            if let Some(attributes) = &mesh.attributes {
+                engine.mesh.load_first_attributes(attributes, start.first_triangle)?;
+            }
             let block = BlockLabels::of(&mut engine.mesh, |vertex| spans[vertex].is_shared());
             let raise = labels.lock().unwrap_or_else(PoisonError::into_inner).add(&block)?;
             engine.mesh.nodes.iter_mut().for_each(|node| node.label += raise);
@@ -612,7 +622,8 @@ fn count_all<M: CollapseMetric>(
         workspace.clear();
         let Content::Pieces(pieces) = &blocks.contents[number] else { return Ok(()) };
         let Workspace { engine, spans, homes, histogram, .. } = workspace;
-        read_pieces(&mut engine.mesh, pieces.iter().map(|piece| (0, piece)), spans, homes, 1 << 20)?;
+        // Keys do not ask for wedges.
+        read_pieces(&mut engine.mesh, None, pieces.iter().map(|piece| (0, piece)), spans, homes, 1 << 20)?;
         count_keys(engine, last, Sample::ALL, |_| true, histogram);
         total.lock().unwrap_or_else(PoisonError::into_inner).add_all(histogram);
         histogram.clear();
@@ -656,7 +667,7 @@ fn through_groups<M: CollapseMetric, R: Send>(
         });
         let (largest, triangles) = sizes.max().unwrap_or_default();
         if largest > plan.seam_triangles {
-            return Err(SimplifyError::Seam { triangles, needed: Plan::memory_for_core(largest, plan.bound) });
+            return Err(SimplifyError::Seam { triangles, needed: Plan::memory_for_core(largest, plan.carried) });
         }
         let threads = if largest > plan.group_triangles { 1 } else { workspaces.len() };
         let is_last = groups.len() == 1;

@@ -55,8 +55,9 @@ pub(super) fn run<M: CollapseMetric, E>(
     while let Some(Reverse(candidate)) = heap.pop() {
         let (low, high) = candidate.vertices();
         match engine.attempt(candidate) {
-            Outcome::Gone => {}
-            Outcome::Grown(again) | Outcome::OtherWay(again) => heap.push(Reverse(again)),
+            // One whose key has grown is in the queue with the new key, too: its end that took over a quadric saw to that.
+            Outcome::Gone | Outcome::Grown(_) => {}
+            Outcome::OtherWay(again) | Outcome::Raised(again) => heap.push(Reverse(again)),
             Outcome::Illegal => {
                 if rejected.insert((low, high)) {
                     rejected_at[low as usize] += 1;

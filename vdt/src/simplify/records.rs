@@ -9,12 +9,14 @@ use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
 use bytemuck::{Pod, Zeroable};
-use storage::{Scratch, Spool, SpoolWriter, StorageError};
+use storage::{Scratch, Spool, SpoolReader, SpoolWriter, StorageError};
 
 use super::bound::Piece as CutPiece;
 use super::live_mesh::{LiveMesh, Node, Triangle, Vertex};
+use super::live_wedges::{Wait, WedgeReader};
 use super::metric::Quadric;
-use crate::tree::ErrorBound;
+use super::plan::Carried;
+use crate::tree::{CornerPlaces, MeshAttributes};
 
 /// A vertex that is left. 96 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -110,6 +112,12 @@ pub(super) struct Piece {
     pub cut_pieces: Spool<CutPiece>,
     /// The reverse bounds of its triangles, where such are kept.
     reverses: Option<Spool<f32>>,
+    /// The places of its triangles' corners among the wedges of their vertices, where there are vertices with several.
+    corners: Option<Spool<CornerPlaces>>,
+    /// What waits at its vertices, where attributes count.
+    waits: Option<Spool<Wait>>,
+    /// Wedges of its vertices.
+    pub wedges: u64,
 }
 
 /// The stores of a piece being written.
@@ -119,16 +127,21 @@ pub(super) struct PieceWriter {
     triangles: SpoolWriter<TriangleRecord>,
     cut_pieces: SpoolWriter<CutPiece>,
     reverses: Option<SpoolWriter<f32>>,
+    corners: Option<SpoolWriter<CornerPlaces>>,
+    waits: Option<SpoolWriter<Wait>>,
 }
 
 impl PieceWriter {
     /// Within so many bytes of RAM while it is written; none of it stays there.
-    pub fn new(scratch: &Scratch, name: &str, bound: ErrorBound, ram_bytes: usize) -> Self {
+    pub fn new(scratch: &Scratch, name: &str, carried: Carried, ram_bytes: usize) -> Self {
+        let Carried { bound, heeded, .. } = carried;
         PieceWriter {
             vertices: SpoolWriter::to_disk(scratch, name, ram_bytes / 2),
             triangles: SpoolWriter::to_disk(scratch, name, ram_bytes / 4),
             cut_pieces: SpoolWriter::to_disk(scratch, name, ram_bytes / 4),
             reverses: bound.is_two_sided().then(|| SpoolWriter::to_disk(scratch, name, ram_bytes / 8)),
+            corners: heeded.seams.then(|| SpoolWriter::to_disk(scratch, name, ram_bytes / 8)),
+            waits: heeded.counts().then(|| SpoolWriter::to_disk(scratch, name, ram_bytes / 8)),
         }
     }
 
@@ -151,7 +164,7 @@ impl PieceWriter {
                 places[corner as usize] = 0;
             }
         }
-        let mut next = 0;
+        let (mut next, mut wedges) = (0, 0);
         for (vertex, place) in places.iter_mut().enumerate() {
             if *place != UNUSED {
                 *place = next;
@@ -160,6 +173,10 @@ impl PieceWriter {
                 let state = mesh.vertices[vertex].lasting_state(is_whole(vertex));
                 let (node, span) = (mesh.nodes[vertex], spans[vertex]);
                 self.vertices.push(VertexRecord { node, quadric, state, span })?;
+                wedges += mesh.wedges.of(vertex as u32).len() as u64;
+                if let Some(waits) = &mut self.waits {
+                    waits.push(mesh.wedges.wait(vertex as u32))?;
+                }
             }
         }
         let mut kept: Vec<CutPiece> = Vec::new();
@@ -172,6 +189,9 @@ impl PieceWriter {
             if let Some(reverses) = &mut self.reverses {
                 reverses.push(mesh.covers.reverse(triangle))?;
             }
+            if let Some(corners) = &mut self.corners {
+                corners.push(mesh.wedges.corners(triangle))?;
+            }
             kept.extend(mesh.covers.pieces(cover));
             while let Some(piece) = kept.pop() {
                 self.cut_pieces.push(piece.owned_by(place))?;
@@ -182,14 +202,18 @@ impl PieceWriter {
             triangles: self.triangles.finish_on_disk()?,
             cut_pieces: self.cut_pieces.finish_on_disk()?,
             reverses: self.reverses.map(SpoolWriter::finish_on_disk).transpose()?,
+            corners: self.corners.map(SpoolWriter::finish_on_disk).transpose()?,
+            waits: self.waits.map(SpoolWriter::finish_on_disk).transpose()?,
+            wedges,
         })
     }
 }
 
 /// Reads pieces into an empty live mesh, each vertex once; fills in the span of each vertex, and for each triangle the
-/// number that its piece comes with. `ram_bytes` are for buffers.
+/// number that its piece comes with. The wedges of the vertices are those of `attributes`. `ram_bytes` are for buffers.
 pub(super) fn read_pieces<'a>(
     mesh: &mut LiveMesh,
+    attributes: Option<&MeshAttributes>,
     pieces: impl Iterator<Item = (u16, &'a Piece)> + Clone,
     spans: &mut Vec<Span>,
     numbers: &mut Vec<u16>,
@@ -197,7 +221,7 @@ pub(super) fn read_pieces<'a>(
 ) -> Result<(), StorageError> {
     let count = pieces.clone().count();
     let buffer = (ram_bytes / count.max(1)).clamp(4 << 10, 256 << 10);
-    let mut readers: Vec<_> = pieces.clone().map(|(_, piece)| piece.vertices.reader(buffer)).collect();
+    let mut readers: Vec<_> = pieces.clone().map(|(_, piece)| VertexReader::new(piece, buffer)).collect();
     let vertices: u64 = pieces.clone().map(|(_, piece)| piece.vertices.len()).sum();
     let triangles: u64 = pieces.clone().map(|(_, piece)| piece.triangles.len()).sum();
     mesh.reserve(vertices as usize, triangles as usize);
@@ -206,27 +230,34 @@ pub(super) fn read_pieces<'a>(
     let mut heads = BinaryHeap::with_capacity(count);
     for (index, (_, piece)) in pieces.clone().enumerate() {
         places.push(Vec::with_capacity(piece.vertices.len() as usize));
-        if let Some(record) = readers[index].next()? {
-            heads.push(Head { index, record });
+        if let Some((record, wait)) = readers[index].next()? {
+            heads.push(Head { index, record, wait });
         }
     }
-    let mut united: Option<VertexRecord> = None;
+    let mut united: Option<(VertexRecord, Wait)> = None;
+    let mut push = |mesh: &mut LiveMesh, (done, wait): (VertexRecord, Wait)| {
+        mesh.push_vertex(done.node, done.quadric, done.state);
+        mesh.wedges.set_wait(mesh.vertices.len() as u32 - 1, wait);
+        spans.push(done.span);
+    };
     while let Some(mut head) = heads.pop() {
         // As long as this piece has the smallest vertex, the heap has nothing to do.
         loop {
-            let record = head.record;
+            let Head { record, wait, .. } = head;
             match &mut united {
-                Some(before) if before.node.id == record.node.id => before.unite(&record),
+                Some((before, wait_before)) if before.node.id == record.node.id => {
+                    before.unite(&record);
+                    *wait_before = wait_before.united(wait);
+                }
                 before => {
-                    if let Some(done) = before.replace(record) {
-                        mesh.push_vertex(done.node, done.quadric, done.state);
-                        spans.push(done.span);
+                    if let Some(done) = before.replace((record, wait)) {
+                        push(mesh, done);
                     }
                 }
             }
             places[head.index].push(mesh.vertices.len() as u32);
-            let Some(record) = readers[head.index].next()? else { break };
-            head.record = record;
+            let Some((record, wait)) = readers[head.index].next()? else { break };
+            (head.record, head.wait) = (record, wait);
             if heads.peek().is_some_and(|other| other.record.node.id < record.node.id) {
                 heads.push(head);
                 break;
@@ -234,10 +265,12 @@ pub(super) fn read_pieces<'a>(
         }
     }
     if let Some(done) = united {
-        mesh.push_vertex(done.node, done.quadric, done.state);
-        spans.push(done.span);
+        push(mesh, done);
     }
     drop(readers);
+    if let Some(attributes) = attributes {
+        mesh.load_wedges(&mut WedgeReader::new(attributes, 1))?;
+    }
     for ((number, piece), places) in pieces.zip(&places) {
         let mut reader = piece.triangles.reader(256 << 10);
         let first = mesh.triangles.len();
@@ -258,15 +291,47 @@ pub(super) fn read_pieces<'a>(
                 }
             }
         }
+        if let Some(corners) = &piece.corners {
+            let mut reader = corners.reader(64 << 10);
+            for triangle in first..mesh.triangles.len() {
+                if let Some(places) = reader.next()? {
+                    mesh.wedges.set_corners(triangle, places);
+                }
+            }
+        }
     }
     mesh.build_stars();
     Ok(())
+}
+
+/// Reads the vertices of a piece, each with what waits there.
+struct VertexReader<'a> {
+    vertices: SpoolReader<'a, VertexRecord>,
+    waits: Option<SpoolReader<'a, Wait>>,
+}
+
+impl<'a> VertexReader<'a> {
+    fn new(piece: &'a Piece, ram_bytes: usize) -> Self {
+        let waits = piece.waits.as_ref().map(|waits| waits.reader(ram_bytes / 8));
+        VertexReader { vertices: piece.vertices.reader(ram_bytes), waits }
+    }
+
+    #[inline]
+    fn next(&mut self) -> Result<Option<(VertexRecord, Wait)>, StorageError> {
+        let Some(record) = self.vertices.next()? else { return Ok(None) };
+        let wait = match &mut self.waits {
+            Some(waits) => waits.next()?.unwrap_or(Wait::NONE),
+            None => Wait::NONE,
+        };
+        Ok(Some((record, wait)))
+    }
 }
 
 /// The next vertex of a piece. The smallest is the greatest, for the heap.
 struct Head {
     index: usize,
     record: VertexRecord,
+    wait: Wait,
 }
 
 impl PartialEq for Head {

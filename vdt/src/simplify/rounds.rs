@@ -6,6 +6,12 @@
 //! start and of its limit, whatever the memory, the threads or the cutting into blocks; the paper's order (see `queue`)
 //! is not, but for these two points it is the same.
 //!
+//! Where attributes count (see `attribute_error`), a candidate may turn out, at its turn, to have a raised key above the limit. Its
+//! edge then *waits* for that key, at its smaller end, with the others that do: what is noted is the smallest of their keys
+//! ([`super::live_wedges::Wait`]). In the round that takes that key on, all edges of which the vertex is the smaller end are
+//! fresh; those that have still longer to wait note that again. So an edge is tried again only when one that shares this end
+//! may be due, or a star has changed.
+//!
 //! The limits of the four rounds of a *cycle* are taken together when it begins: each takes on one more fifth of the keys
 //! that are above the last limit at that time. So the rounds of a cycle can be done in one go by a part of the mesh that
 //! knows nothing of the others. The keys are counted over (live
@@ -132,7 +138,7 @@ pub(super) struct Round {
 }
 
 /// Counts, over the triangles of a sample, the keys above `last`: of each edge the cheaper one, unless it was passed
-/// already. Of the triangles those count for which `counts` holds.
+/// already; or that for which it may wait. Of the triangles those count for which `counts` holds.
 pub(super) fn count_keys<M: CollapseMetric>(
     engine: &Engine<M>,
     last: Option<u32>,
@@ -148,15 +154,18 @@ pub(super) fn count_keys<M: CollapseMetric>(
         let corners = mesh.triangles[triangle].corners;
         let ends = corners.map(|corner| &mesh.vertices[corner as usize]);
         for side in 0..3 {
-            count_edge(last, engine.edge_keys(ends[side], ends[(side + 1) % 3]), histogram);
+            let low = corners[side].min(corners[(side + 1) % 3]);
+            let wait = mesh.wedges.wait(low).key;
+            count_edge(last, engine.edge_keys(ends[side], ends[(side + 1) % 3]), wait, histogram);
         }
     }
 }
 
-/// Counts an edge by the keys of its two directions.
-pub(super) fn count_edge(last: Option<u32>, keys: [u32; 2], histogram: &mut Histogram) {
-    let in_order = [keys[0].min(keys[1]), keys[0].max(keys[1])];
-    if let Some(key) = in_order.into_iter().find(|key| last.is_none_or(|last| *key > last)) {
+/// Counts an edge by the keys of its two directions, and that for which something waits at its smaller end (0: nothing).
+pub(super) fn count_edge(last: Option<u32>, keys: [u32; 2], wait: u32, histogram: &mut Histogram) {
+    let to_come = |key: &u32| last.is_none_or(|last| *key > last);
+    let waiting = Some(wait).filter(|wait| *wait > 0);
+    if let Some(key) = keys.into_iter().chain(waiting).filter(to_come).min() {
         histogram.add(key, 1);
     }
 }
@@ -223,7 +232,8 @@ impl Batch {
                     continue;
                 }
                 let changed = end_a.touched() + 1 == number || end_b.touched() + 1 == number;
-                let fresh = |key: u32| changed || last.is_none_or(|last| key > last);
+                let is_due = mesh.wedges.wait(a.min(b)).is_due(last, limit);
+                let fresh = |key: u32| changed || is_due || last.is_none_or(|last| key > last);
                 if fresh(cheaper) {
                     self.candidates.push(Candidate::of([a, b], [end_a.id, end_b.id], cheaper));
                 } else if dearer <= limit && fresh(dearer) {
@@ -261,7 +271,13 @@ impl Batch {
                 continue;
             }
             match engine.attempt(candidate) {
-                Outcome::Grown(again) | Outcome::OtherWay(again) if again.key <= limit => waiting.push(Reverse(again)),
+                Outcome::Grown(again) | Outcome::OtherWay(again) | Outcome::Raised(again) if again.key <= limit => {
+                    waiting.push(Reverse(again));
+                }
+                Outcome::Raised(again) => {
+                    let round = engine.round;
+                    engine.mesh.wedges.make_wait(low, again.key, round, limit);
+                }
                 _ => {}
             }
         }

@@ -16,6 +16,7 @@ use crate::ingest::StoredMesh;
 use super::initial::{InitialVertex, initial_vertex};
 use super::live_mesh::{Node, Normalisation, SPECIAL};
 use super::metric::{CollapseMetric, Quadric};
+use super::nearby::Nearby;
 use super::records::{Span, VertexRecord};
 use super::rounds::{Histogram, Sample, count_edge};
 
@@ -56,36 +57,6 @@ impl VertexSet {
     #[inline]
     fn has(&self, vertex: u32) -> bool {
         self.words[vertex as usize / 64] >> (vertex % 64) & 1 != 0
-    }
-}
-
-/// Positions by vertex, for look-ups that stay near each other: a few stretches of the spool are kept.
-struct NearbyPositions<'a> {
-    positions: &'a Spool<[f32; 3]>,
-    stretches: Vec<(u64, Vec<[f32; 3]>)>,
-}
-
-impl<'a> NearbyPositions<'a> {
-    /// Positions in a stretch.
-    const STRETCH: u64 = 4096;
-    /// Stretches that are kept.
-    const KEPT: u64 = 64;
-
-    fn new(positions: &'a Spool<[f32; 3]>) -> Self {
-        NearbyPositions { positions, stretches: vec![(u64::MAX, Vec::new()); Self::KEPT as usize] }
-    }
-
-    fn get(&mut self, vertex: u32) -> Result<[f32; 3], StorageError> {
-        let number = u64::from(vertex) / Self::STRETCH;
-        let (kept, stretch) = &mut self.stretches[(number % Self::KEPT) as usize];
-        if *kept != number {
-            let start = number * Self::STRETCH;
-            stretch.resize((self.positions.len() - start).min(Self::STRETCH) as usize, [0.0; 3]);
-            *kept = u64::MAX;
-            self.positions.read_at(start, stretch)?;
-            *kept = number;
-        }
-        Ok(stretch[(u64::from(vertex) % Self::STRETCH) as usize])
     }
 }
 
@@ -150,12 +121,12 @@ pub(super) fn find<M: CollapseMetric>(
     sample_corners.sort_unstable();
     sample_corners.dedup();
     let mut of_sample: Vec<([f32; 3], Quadric)> = Vec::with_capacity(sample_corners.len());
-    let mut positions = NearbyPositions::new(&mesh.positions);
+    let mut positions = Nearby::new(&mesh.positions, 4096, 64);
     let mut stars = stars.finish()?;
     let mut next = stars.next()?;
     let (mut ring, mut spokes, mut blocks) = (Vec::new(), Vec::new(), Vec::new());
     while let Some(StarTriangle { vertex, .. }) = next {
-        let position = positions.get(vertex)?;
+        let position = positions.get(vertex.into())?;
         let centre = normalisation.apply(position);
         ring.clear();
         spokes.clear();
@@ -163,7 +134,7 @@ pub(super) fn find<M: CollapseMetric>(
         while let Some(star) = next.filter(|star| star.vertex == vertex) {
             let mut spoke = [[0.0; 3]; 2];
             for (spoke, other) in spoke.iter_mut().zip(star.others) {
-                let end = normalisation.apply(positions.get(other)?);
+                let end = normalisation.apply(positions.get(other.into())?);
                 *spoke = std::array::from_fn(|axis| f64::from(end[axis]) - f64::from(centre[axis]));
             }
             ring.push(star.others);
@@ -195,7 +166,7 @@ pub(super) fn find<M: CollapseMetric>(
             let [(from, first), (to, second)] = [corners[side], corners[(side + 1) % 3]]
                 .map(|corner| of_sample[sample_corners.partition_point(|vertex| *vertex < corner)]);
             let d = std::array::from_fn(|axis| to[axis] - from[axis]);
-            count_edge(None, metric.keys(&first, &second, d).map(f32::to_bits), &mut histogram);
+            count_edge(None, metric.keys(&first, &second, d).map(f32::to_bits), 0, &mut histogram);
         }
     }
     // None of it stays in RAM: the first pass has other uses for that.

@@ -14,7 +14,9 @@ pub(super) fn made(shape: Shape, triangles: u64, seed: u64) -> CoreMesh {
     let disk = MemoryDisk::new();
     let options = GenerateOptions { shape, triangles, seed };
     generate(Arc::new(disk.clone()), Path::new("mesh.ply"), &options, &mut |_| {}).unwrap();
-    load_mesh(&disk, &["mesh.ply".into()], PositionsRule::LOSSLESS, ByteSize(1 << 40), &|_| ByteSize(0)).unwrap().0
+    load_mesh(&disk, &["mesh.ply".into()], PositionsRule::LOSSLESS, false, ByteSize(1 << 40), &|_| ByteSize(0))
+        .unwrap()
+        .0
 }
 
 /// Triangles that have nothing to do with each other: no legal collapse at all.
@@ -50,9 +52,10 @@ pub(super) fn blocked(mesh: &CoreMesh, block_vertices: u32) -> StoredMesh {
 /// What a simplification came to, its collapses by the vertices that went.
 #[derive(Debug, PartialEq)]
 pub(super) struct Outcome {
-    log: Vec<log::LoggedCollapse>,
+    pub(super) log: Vec<log::LoggedCollapse>,
     deaths: Vec<u32>,
-    roots: Vec<log::LoggedRoot>,
+    pub(super) roots: Vec<log::LoggedRoot>,
+    wedge_images: Vec<log::WedgeImage>,
     rounds: u32,
     legal_collapses: u64,
 }
@@ -67,13 +70,18 @@ impl Outcome {
         while let Some(death) = reader.next().unwrap() {
             deaths.push(death);
         }
+        let mut wedge_images = vec![bytemuck::Zeroable::zeroed(); simplified.wedge_images.len() as usize];
+        simplified.wedge_images.read_at(0, &mut wedge_images).unwrap();
+        wedge_images.sort_by_key(|image: &log::WedgeImage| (image.born, image.wedge));
         let Simplified { roots, rounds, legal_collapses, .. } = simplified;
-        Outcome { log, deaths, roots, rounds, legal_collapses }
+        Outcome { log, deaths, roots, wedge_images, rounds, legal_collapses }
     }
 
     /// Fails where another outcome differs. (It does not show the whole of both, which nobody could read.)
     pub(super) fn assert_same(&self, found: &Outcome) {
         let differs = self.log.iter().zip(&found.log).find(|(expected, found)| expected != found);
+        assert_eq!(differs, None);
+        let differs = self.wedge_images.iter().zip(&found.wedge_images).find(|(expected, found)| expected != found);
         assert_eq!(differs, None);
         assert!(self == found);
     }
@@ -88,7 +96,7 @@ pub(super) fn outcome(mesh: &StoredMesh, metric: Metric, order: crate::tree::Str
 }
 
 /// Compares an outcome in blocks with the one in core; `core_part` says when what is left is small enough to go on in core.
-fn check(
+pub(super) fn check(
     mesh: &CoreMesh,
     (metric, bound): (Metric, ErrorBound),
     block_vertices: u32,
@@ -97,7 +105,7 @@ fn check(
     core_part: u64,
 ) {
     let stored = StoredMesh::from_core(mesh.clone(), FileCounts::default());
-    let in_core = Plan::new(1 << 40, 1, bound);
+    let in_core = Plan::new(1 << 40, 1, Carried::of(&stored, bound));
     let order = crate::tree::Strategy::Passes;
     let expected = outcome(&stored, metric, order, in_core);
     assert_eq!(expected.log.len() + expected.roots.len(), mesh.positions.len());

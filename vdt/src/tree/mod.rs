@@ -11,6 +11,7 @@
 //!
 //! Memory: 28 bytes per split, 12 per position, 12 per triangle, 4 per leaf for the triangle offsets.
 
+mod attributes;
 mod bounding_spheres;
 mod check;
 mod finish;
@@ -21,6 +22,10 @@ mod positions;
 mod record;
 mod stored;
 
+pub use attributes::{
+    Appearance, AttributeKinds, CornerPlaces, Image, ImageSource, MOST_WEDGES, Material, MeshAttributes, MeshSeams,
+    TreeAttributes, TreeSeams, Wedge, WedgeNode,
+};
 pub use bounding_spheres::enclosing_radius;
 pub use check::{TreeError, check};
 pub use finish::{FinishError, finish};

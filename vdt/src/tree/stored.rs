@@ -2,6 +2,7 @@
 
 use storage::{Spool, StorageError};
 
+use super::attributes::TreeAttributes;
 use super::record::{BornTriangles, Root, Split, Tree};
 
 /// A view-dependence tree of any size.
@@ -24,6 +25,8 @@ pub struct StoredTree {
     pub exponent: i32,
     /// The step of the lattice that all positions are on, in mesh units; 0 where there is none.
     pub lattice_step: f32,
+    /// What the corners carry, where they carry anything.
+    pub attributes: Option<TreeAttributes>,
 }
 
 impl StoredTree {
@@ -32,7 +35,7 @@ impl StoredTree {
         self.positions.len()
     }
 
-    /// A tree in RAM as a stored one.
+    /// A tree in RAM as a stored one, without attributes.
     pub fn from_tree(tree: Tree) -> Self {
         let counts = tree.triangles.offsets.windows(2).map(|range| range[1] - range[0]).collect();
         StoredTree {
@@ -44,10 +47,11 @@ impl StoredTree {
             origin: tree.origin,
             exponent: tree.exponent,
             lattice_step: tree.lattice_step,
+            attributes: None,
         }
     }
 
-    /// The whole tree in RAM.
+    /// The whole tree in RAM, without its attributes.
     pub fn load(&self) -> Result<Tree, StorageError> {
         let leaves = self.leaf_count() as usize;
         let mut positions = vec![[0.0; 3]; leaves];

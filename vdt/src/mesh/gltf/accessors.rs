@@ -15,6 +15,7 @@ use storage::StorageError;
 use super::super::MeshError;
 use super::super::attributes::{byte_of_unit, byte_of_word};
 use super::super::input::Input;
+use super::super::srgb;
 use super::container::Buffers;
 use super::document::{Accessor, BufferView, Document, Sparse};
 
@@ -223,17 +224,21 @@ impl Stream<'_> {
         }))
     }
 
-    /// The next element of a stream of colours: red, green, blue and alpha.
+    /// The next element of a stream of colours: red, green, blue and alpha, in sRGB.
     pub fn next_colour(&mut self) -> Result<[u8; 4], MeshError> {
         let (component, width, row, place) = (self.component, self.width, self.row, self.place);
         let element = self.next()?;
         let mut colour = [u8::MAX; 4];
         for (number, channel) in colour.iter_mut().enumerate().take(width) {
             let bytes = &element[number * component.bytes()..];
-            let byte = match component {
-                Component::Unsigned8 => Some(bytes[0]),
-                Component::Unsigned16 => Some(byte_of_word(u16::from_le_bytes(array(bytes)))),
-                _ => byte_of_unit(component.real(bytes)),
+            let is_alpha = number == 3;
+            let byte = match (component, is_alpha) {
+                (Component::Unsigned8, true) => Some(bytes[0]),
+                (Component::Unsigned8, false) => Some(srgb::byte_of_byte(bytes[0])),
+                (Component::Unsigned16, true) => Some(byte_of_word(u16::from_le_bytes(array(bytes)))),
+                (Component::Unsigned16, false) => Some(srgb::byte_of_word(u16::from_le_bytes(array(bytes)))),
+                (_, true) => byte_of_unit(component.real(bytes)),
+                (_, false) => srgb::byte_of_unit(component.real(bytes)),
             };
             *channel = byte.ok_or_else(|| place.malformed(format!("colour {row} is not finite")))?;
         }

@@ -148,7 +148,8 @@ pub(super) struct DocumentMaterial {
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct BaseLook {
-    pub base_color_factor: Option<[f32; 4]>,
+    /// Linear.
+    pub base_color_factor: Option<[f64; 4]>,
     pub base_color_texture: Option<TextureReference>,
 }
 

@@ -8,6 +8,7 @@
 //! | texture coordinates of corners | the list `texcoord` or `wedge_texcoord` of `face`, two numbers a corner |
 //! | normals of corners | the list `wedge_normal` of `face`, three numbers a corner |
 //! | image | `comment TextureFile NAME`, and `texnumber` of `face` where there are several |
+//! | material | `comment VdtMaterial` (module [`super::super::writer`]), and `material_index` of `face` |
 //!
 //! What is not complete is no attribute and stepped over. Colours in floats go from 0 to 1, in `ushort` to 65535, in all else
 //! they are bytes.
@@ -51,8 +52,8 @@ fn all(element: &Element, names: &[&str]) -> Option<Vec<usize>> {
     names.iter().map(|name| single(element, name)).collect()
 }
 
-/// The properties that are numbers of attributes, by their places.
-pub(super) fn channels(element: &Element, with_material: bool) -> Vec<(usize, Channel)> {
+/// The properties that are numbers of attributes, by their places. `material` is the name of the one that says the material.
+pub(super) fn channels(element: &Element, material: Option<&str>) -> Vec<(usize, Channel)> {
     let mut found = Vec::new();
     let is_face = element.name == "face";
     if !is_face && let Some(places) = all(element, &NORMAL) {
@@ -65,7 +66,7 @@ pub(super) fn channels(element: &Element, with_material: bool) -> Vec<(usize, Ch
     if !is_face && let Some(places) = TEXTURES.iter().find_map(|names| all(element, names)) {
         found.extend(places.into_iter().enumerate().map(|(axis, place)| (place, Channel::Texture(axis))));
     }
-    if with_material && let Some(place) = single(element, "texnumber") {
+    if let Some(place) = material.and_then(|name| single(element, name)) {
         found.push((place, Channel::Material));
     }
     found
@@ -161,7 +162,9 @@ impl FaceAttributes {
                 number => {
                     let number = u32::try_from(number);
                     self.material =
-                        Some(number.map_err(|_| Flaw::Bad(format!("{} is no number of an image", value.real())))?);
+                        Some(number.map_err(|_| {
+                            Flaw::Bad(format!("{} is no number of an image or material", value.real()))
+                        })?);
                 }
             },
             Channel::Normal(_) | Channel::Texture(_) => {}
@@ -358,6 +361,40 @@ mod tests {
     }
 
     #[test]
+    fn materials_are_in_comments_of_our_own() {
+        let comments = "comment TextureFile a.png\ncomment VdtMaterial 0 - red  paint\ncomment VdtMaterial - 1 0.5 0 1 -\n\
+                        comment VdtMaterials 9\nproperty int material_index\nproperty int texnumber\n";
+        for encoding in ENCODINGS {
+            for (number, chosen) in [(1, Some(1)), (-1, None)] {
+                let numbers = [("int", f64::from(number)), ("int", 0.0)];
+                let bytes = file(encoding, "", comments, &body(encoding, &[], &numbers));
+                let found = found(&bytes).unwrap();
+                let image = Some(Image { name: "a.png".into(), source: ImageSource::Missing });
+                let expected = [
+                    Material { name: "red  paint".into(), base_colour: None, image },
+                    Material { name: "-".into(), base_colour: Some([1.0, 0.5, 0.0, 1.0]), image: None },
+                ];
+                assert_eq!(
+                    (found.materials.as_slice(), found.faces[0].material),
+                    (&expected[..], chosen),
+                    "{encoding}"
+                );
+            }
+        }
+        for (material, says) in [
+            ("", "line 9: a material is the number of an image"),
+            ("x - name", "line 9: a material is the number of an image"),
+            ("- 1 2 3 name", "line 9: a material is the number of an image"),
+            ("- 1 2 3 nan name", "line 9: a material is the number of an image"),
+            ("0 - red", "header: material 'red' names image 0, which is not there"),
+        ] {
+            let bytes = file("ascii", "", &format!("comment VdtMaterial {material}\n"), &body("ascii", &[], &[]));
+            let message = found(&bytes).unwrap_err().to_string();
+            assert!(message.contains(says), "{message}");
+        }
+    }
+
+    #[test]
     fn broken_attributes_say_where_and_what() {
         let colour = declared("float", "red green blue");
         for encoding in ENCODINGS {
@@ -377,6 +414,6 @@ mod tests {
         let numbers = [("int", 0.0), ("int", 256.0), ("int", 0.0)];
         assert!(message(&bytes, &numbers).ends_with(": 256 is no part of a colour"));
         let image = "comment TextureFile a\ncomment TextureFile b\nproperty int texnumber\n";
-        assert!(message(image, &[("int", -2.0)]).ends_with(": -2 is no number of an image"));
+        assert!(message(image, &[("int", -2.0)]).ends_with(": -2 is no number of an image or material"));
     }
 }

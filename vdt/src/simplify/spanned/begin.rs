@@ -14,6 +14,7 @@ use crate::ingest::StoredMesh;
 use crate::simplify::collapse::Engine;
 use crate::simplify::components::{BlockLabels, Components, Labels};
 use crate::simplify::live_mesh::{LiveMesh, Normalisation, Triangle};
+use crate::simplify::live_wedges::Heeded;
 use crate::simplify::metric::CollapseMetric;
 use crate::simplify::records::VertexRecord;
 use crate::simplify::{initial, seams};
@@ -29,13 +30,14 @@ pub(super) fn begin<M: CollapseMetric>(
     metric: M,
     scratch: &Scratch,
     memory: usize,
-    store: &mut MeshStore,
+    store: &mut MeshStore<'_>,
 ) -> Result<(GuardedSorted<Edge>, Components), StorageError> {
     let inboxes = seams::find(mesh, metric, scratch, memory)?.vertices;
     let mut edges = GuardedSorter::new(scratch, "edges", memory / 2);
     let mut labels = Labels::new(scratch);
     // No collapse is made here, so there is no error to be bounded.
-    let live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0], ErrorBound::None);
+    let heeded = Heeded::of(mesh.attributes.as_ref());
+    let live = LiveMesh::new(Normalisation::new(mesh.exponent), mesh.bounds[0], ErrorBound::None, heeded);
     let mut engine = Engine::new(live, metric, mesh.exponent, ErrorBound::None);
     let (mut spans, mut known) = (Vec::new(), Vec::new());
     for (number, start) in mesh.blocks.iter().enumerate() {
@@ -57,6 +59,9 @@ pub(super) fn begin<M: CollapseMetric>(
             metric.uses_quadrics(),
             &mut spans,
         )?;
+        if let Some(attributes) = &mesh.attributes {
+            engine.mesh.load_first_attributes(attributes, start.first_triangle)?;
+        }
         let block = BlockLabels::of(&mut engine.mesh, |vertex| spans[vertex].is_shared());
         let raise = labels.add(&block)?;
         engine.mesh.nodes.iter_mut().for_each(|node| node.label += raise);
@@ -67,7 +72,7 @@ pub(super) fn begin<M: CollapseMetric>(
 }
 
 /// Writes what is in a block, and chains its triangles.
-fn write_block(mesh: &LiveMesh, store: &mut MeshStore) -> Result<(), StorageError> {
+fn write_block(mesh: &LiveMesh, store: &mut MeshStore<'_>) -> Result<(), StorageError> {
     let mut next = vec![[Link::END; 3]; mesh.triangles.len()];
     for (vertex, node) in (0..).zip(&mesh.nodes) {
         // Earlier blocks may have begun the chain.
@@ -83,12 +88,11 @@ fn write_block(mesh: &LiveMesh, store: &mut MeshStore) -> Result<(), StorageErro
         let (quadric, state) = (line.quadric, line.lasting_state(false));
         store.put_vertex(node.id, &StoredVertex { node: *node, quadric, state, star, rejected: 0 })?;
     }
-    for ((Triangle { corners, order }, id), next) in mesh.triangles.iter().zip(&mesh.triangle_ids).zip(next) {
+    for (place, next) in next.into_iter().enumerate() {
+        let (Triangle { corners, order }, id) = (mesh.triangles[place], mesh.triangle_ids[place]);
         let corners = corners.map(|corner| mesh.nodes[corner as usize].id);
-        store.put_triangle(
-            *id,
-            &StoredTriangle { corners, order: *order, next, flags: 0, residual: 0.0, reverse: 0.0 },
-        )?;
+        store.put_triangle(id, &StoredTriangle { corners, order, next, flags: 0, residual: 0.0, reverse: 0.0 })?;
+        store.put_corners(id, mesh.wedges.corners(place))?;
     }
     Ok(())
 }

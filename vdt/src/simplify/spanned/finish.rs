@@ -16,9 +16,8 @@ use crate::simplify::journal::Journal;
 use crate::simplify::live_mesh::Triangle;
 use crate::simplify::log::LoggedRoot;
 use crate::simplify::metric::CollapseMetric;
-use crate::simplify::plan::Plan;
+use crate::simplify::plan::{Carried, Plan};
 use crate::simplify::queue::Waiting;
-use crate::tree::ErrorBound;
 
 use super::edges::{candidate, ends};
 use super::stored::{MeshStore, StoredTriangle, StoredVertex};
@@ -28,8 +27,8 @@ use super::{SpannedError, Task};
 const QUEUED_BYTES: u64 = 3 * 16;
 
 /// Whether what is left fits in so many bytes, with the queue.
-pub(super) fn fits(store: &MeshStore, bound: ErrorBound, edges: u64, bytes: u64) -> bool {
-    Plan::memory_for_core(store.live_triangles, bound).0 + edges * QUEUED_BYTES <= bytes
+pub(super) fn fits(store: &MeshStore<'_>, carried: Carried, edges: u64, bytes: u64) -> bool {
+    Plan::memory_for_core(store.live_triangles, carried).0 + edges * QUEUED_BYTES <= bytes
 }
 
 /// All edges that are left in the tree.
@@ -45,7 +44,7 @@ pub(super) fn drain(tree: &mut dyn EdgeTree) -> Result<Vec<Edge>, SpannedError> 
 /// Loads all that is left into an engine's empty mesh. Returns what the queue goes on with: these edges.
 pub(super) fn load_all<M: CollapseMetric>(
     engine: &mut Engine<M>,
-    store: &mut MeshStore,
+    store: &mut MeshStore<'_>,
     edges: Vec<Edge>,
 ) -> Result<Waiting, SpannedError> {
     engine.mesh.reserve(store.live_vertices as usize, store.live_triangles as usize);
@@ -55,6 +54,7 @@ pub(super) fn load_all<M: CollapseMetric>(
             engine.mesh.push_vertex(vertex.node, vertex.quadric, vertex.state);
         }
     }
+    store.load_wedges(&mut engine.mesh)?;
     let mut waiting = Waiting::default();
     for id in 0..store.triangle_count {
         let triangle = store.triangle(id)?;
@@ -79,7 +79,7 @@ fn place_of<M>(engine: &Engine<M>, id: u32) -> Option<u32> {
 
 fn push_triangle<M>(
     engine: &mut Engine<M>,
-    store: &mut MeshStore,
+    store: &mut MeshStore<'_>,
     id: u32,
     triangle: &StoredTriangle,
     waiting: &mut Waiting,
@@ -89,6 +89,7 @@ fn push_triangle<M>(
     let place = engine.mesh.triangles.len();
     engine.mesh.push_triangle(id, Triangle { corners, order: triangle.order }, triangle.residual);
     engine.mesh.covers.set_reverse(place, triangle.reverse);
+    engine.mesh.wedges.set_corners(place, store.corners(id)?);
     for piece in store.cut_pieces(id, triangle)?.in_order().iter().rev() {
         engine.mesh.covers.add_piece(place, piece);
     }
@@ -140,12 +141,13 @@ impl Members {
 /// larger. Returns the roots.
 pub(super) fn end_phase<M: CollapseMetric>(
     engine: &mut Engine<M>,
-    store: &mut MeshStore,
+    store: &mut MeshStore<'_>,
     components: &Components,
     task: &Task<'_, M>,
     journal: &Journal,
 ) -> Result<Vec<LoggedRoot>, SpannedError> {
-    let Task { scratch, bound, shares, .. } = *task;
+    let Task { scratch, shares, .. } = *task;
+    let carried = task.carried();
     let bytes = shares.core;
     let sorter = || Sorter::new(scratch, "component-members", bytes as usize / 4, 1);
     let (mut vertices, mut triangles) = (sorter(), sorter());
@@ -171,11 +173,11 @@ pub(super) fn end_phase<M: CollapseMetric>(
         while let Some(Member { component, .. }) = vertices.next {
             vertices.take(component, &mut vertex_ids)?;
             triangles.take(component, &mut triangle_ids)?;
-            if Plan::memory_for_core(triangle_ids.len() as u64, bound).0 >= bytes / 4 {
+            if Plan::memory_for_core(triangle_ids.len() as u64, carried).0 >= bytes / 4 {
                 break;
             }
         }
-        let needed = Plan::memory_for_core(triangle_ids.len() as u64, bound);
+        let needed = Plan::memory_for_core(triangle_ids.len() as u64, carried);
         if needed.0 > bytes {
             return Err(SpannedError::Component { triangles: triangle_ids.len() as u64, needed, share: bytes });
         }
@@ -185,6 +187,7 @@ pub(super) fn end_phase<M: CollapseMetric>(
             let vertex = store.vertex(*id)?;
             engine.mesh.push_vertex(vertex.node, vertex.quadric, vertex.state);
         }
+        store.load_wedges(&mut engine.mesh)?;
         for id in &triangle_ids {
             let triangle = store.triangle(*id)?;
             push_triangle(engine, store, *id, &triangle, &mut Waiting::default())?;

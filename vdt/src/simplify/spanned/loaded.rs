@@ -11,7 +11,8 @@
 //!
 //! Local ids ascend as vertices come in, not as canonical ids do: order is always by edges as the tree has them.
 //!
-//! Memory: 144 bytes for each vertex, 96 for each triangle, 56 for each piece that one keeps, 4 for each place in a star.
+//! Memory: 144 bytes for each vertex, 96 for each triangle, 56 for each piece that one keeps, 4 for each place in a star; of
+//! a mesh with attributes, its wedges (see `live_wedges`).
 
 use std::collections::HashSet;
 
@@ -23,6 +24,7 @@ use crate::simplify::collapse::{Engine, Outcome};
 use crate::simplify::live_mesh::{Normalisation, Triangle};
 use crate::simplify::metric::{CollapseMetric, Quadric};
 use crate::simplify::queue::neighbours;
+use crate::tree::Wedge;
 
 use super::edges::{candidate, dearer, edge_between, edge_of, ends, is_dearer};
 use super::stored::{CutPieces, GONE, Link, MeshStore, PIECES_SHIFT, StoredTriangle, StoredVertex};
@@ -109,13 +111,16 @@ impl<M: CollapseMetric> SubMeshes<M> {
             + triangles * TRIANGLE_BYTES
             + self.engine.mesh.covers.piece_count() * size_of::<Piece>()
             + self.engine.mesh.pool_words() * 4
+            + self.engine.mesh.wedges.bytes()
             + self.rejected.len() * 16
             + self.quadrics_before.len() * QUADRIC_BYTES
     }
 
-    /// What bytes this many vertices and triangles take, with their stars, where each triangle keeps so many pieces.
-    pub fn bytes_of(vertices: usize, triangles: usize, most_kept: usize) -> usize {
-        vertices * (VERTEX_BYTES + 24) + triangles * (TRIANGLE_BYTES + 16 + most_kept * size_of::<Piece>())
+    /// What bytes this takes, with the stars, where each triangle keeps so many pieces.
+    pub fn bytes_of(extent: Extent, most_kept: usize) -> usize {
+        let Extent { vertices, triangles, wedges } = extent;
+        let for_wedges = if wedges > 0 { wedges * size_of::<Wedge>() + (vertices + triangles) * 4 } else { 0 };
+        vertices * (VERTEX_BYTES + 24) + triangles * (TRIANGLE_BYTES + 16 + most_kept * size_of::<Piece>()) + for_wedges
     }
 
     /// Triangles that are in memory, gone or not: by the local ids of their corners where they are left.
@@ -130,7 +135,7 @@ impl<M: CollapseMetric> SubMeshes<M> {
     }
 
     /// What an edge amounts to at present. Loads nothing.
-    pub fn standing(&self, store: &mut MeshStore, edge: Edge) -> Result<Standing, StorageError> {
+    pub fn standing(&self, store: &mut MeshStore<'_>, edge: Edge) -> Result<Standing, StorageError> {
         let mut read = |id: u32| {
             let stored = store.vertex(id)?;
             Ok::<_, StorageError>(
@@ -177,7 +182,7 @@ impl<M: CollapseMetric> SubMeshes<M> {
 
     /// Loads all that the decision of an edge reads and may change. `false`: there are `limit` bytes (or a triangle more)
     /// already, and it is not all. Where everything is there already, it is never too much.
-    pub fn prepare(&mut self, store: &mut MeshStore, edge: Edge, limit: usize) -> Result<bool, StorageError> {
+    pub fn prepare(&mut self, store: &mut MeshStore<'_>, edge: Edge, limit: usize) -> Result<bool, StorageError> {
         let [low, high] = ends(edge);
         let both = [self.vertex(store, low)?, self.vertex(store, high)?];
         for end in both {
@@ -200,13 +205,14 @@ impl<M: CollapseMetric> SubMeshes<M> {
     }
 
     /// The local id of a vertex, which is loaded if need be.
-    fn vertex(&mut self, store: &mut MeshStore, id: u32) -> Result<u32, StorageError> {
+    fn vertex(&mut self, store: &mut MeshStore<'_>, id: u32) -> Result<u32, StorageError> {
         if let Some(place) = self.places.get(&id) {
             return Ok(*place);
         }
         let StoredVertex { node, quadric, state, star, rejected } = store.vertex(id)?;
         let place = self.vertices.len() as u32;
         self.engine.mesh.push_vertex(node, quadric, state);
+        store.load_wedges(&mut self.engine.mesh)?;
         self.engine.mesh.set_star(place, &[]);
         self.vertices.push(LoadedVertex { star, rejected, is_whole: false, is_changed: false });
         self.places.insert(id, place);
@@ -214,7 +220,7 @@ impl<M: CollapseMetric> SubMeshes<M> {
     }
 
     /// Loads the triangles at a vertex. `false`: there are too many.
-    fn load_star(&mut self, store: &mut MeshStore, vertex: u32, limit: usize) -> Result<bool, StorageError> {
+    fn load_star(&mut self, store: &mut MeshStore<'_>, vertex: u32, limit: usize) -> Result<bool, StorageError> {
         let LoadedVertex { star: first, is_whole, .. } = self.vertices[vertex as usize];
         if is_whole {
             return Ok(true);
@@ -248,7 +254,12 @@ impl<M: CollapseMetric> SubMeshes<M> {
         Ok(true)
     }
 
-    fn add_triangle(&mut self, store: &mut MeshStore, id: u32, stored: StoredTriangle) -> Result<u32, StorageError> {
+    fn add_triangle(
+        &mut self,
+        store: &mut MeshStore<'_>,
+        id: u32,
+        stored: StoredTriangle,
+    ) -> Result<u32, StorageError> {
         let mut corners = [0; 3];
         for (corner, id) in corners.iter_mut().zip(stored.corners) {
             *corner = self.vertex(store, id)?;
@@ -256,6 +267,7 @@ impl<M: CollapseMetric> SubMeshes<M> {
         let place = self.triangles.len() as u32;
         self.engine.mesh.push_triangle(id, Triangle { corners, order: stored.order }, stored.residual);
         self.engine.mesh.covers.set_reverse(place as usize, stored.reverse);
+        self.engine.mesh.wedges.set_corners(place as usize, store.corners(id)?);
         for piece in store.cut_pieces(id, &stored)?.in_order().iter().rev() {
             self.engine.mesh.covers.add_piece(place as usize, piece);
         }
@@ -276,6 +288,7 @@ impl<M: CollapseMetric> SubMeshes<M> {
             // One whose key has grown is in the queue with the new key.
             Outcome::Gone | Outcome::Grown(_) => {}
             Outcome::OtherWay(other) => again.push(dearer(edge, other.key)),
+            Outcome::Raised(raised) => again.push(Edge { key: raised.key, ..edge }),
             Outcome::Illegal => self.reject(places),
             Outcome::Collapsed { stays } => {
                 for (place, quadric) in places.into_iter().zip(quadrics) {
@@ -385,7 +398,7 @@ impl<M: CollapseMetric> SubMeshes<M> {
     }
 
     /// Writes back what has changed, and lets go of everything.
-    pub fn write_back(&mut self, store: &mut MeshStore) -> Result<(), StorageError> {
+    pub fn write_back(&mut self, store: &mut MeshStore<'_>) -> Result<(), StorageError> {
         let SubMeshes { engine, vertices, triangles, rejected, .. } = self;
         let mesh = &engine.mesh;
         for (place, LoadedTriangle { stored, .. }) in
@@ -411,6 +424,7 @@ impl<M: CollapseMetric> SubMeshes<M> {
             (stored.residual, stored.reverse) = (cover.residual, mesh.covers.reverse(place));
             stored.flags |= (pieces.in_order().len() as u32) << PIECES_SHIFT;
             store.put_cut_pieces(mesh.triangle_ids[place], &pieces)?;
+            store.put_corners(mesh.triangle_ids[place], mesh.wedges.corners(place))?;
         }
         for (place, vertex) in vertices.iter_mut().enumerate().filter(|(_, vertex)| vertex.is_changed) {
             let line = &mesh.vertices[place];
@@ -449,8 +463,17 @@ impl<M: CollapseMetric> SubMeshes<M> {
     }
 }
 
-/// How many vertices and triangles the decision of an edge needs, counted without loading them.
-pub(super) fn extent(store: &mut MeshStore, edge: Edge) -> Result<[usize; 2], StorageError> {
+/// What the decision of an edge needs.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Extent {
+    pub vertices: usize,
+    pub triangles: usize,
+    /// Wedges of the vertices, where the mesh has attributes.
+    pub wedges: usize,
+}
+
+/// What the decision of an edge needs, counted without loading it.
+pub(super) fn extent(store: &mut MeshStore<'_>, edge: Edge) -> Result<Extent, StorageError> {
     let (mut vertices, mut triangles) = (HashSet::new(), HashSet::new());
     let mut left: Vec<u32> = ends(edge).to_vec();
     let mut is_ring = false;
@@ -471,5 +494,6 @@ pub(super) fn extent(store: &mut MeshStore, edge: Edge) -> Result<[usize; 2], St
         }
         is_ring = true;
     }
-    Ok([vertices.len(), triangles.len()])
+    let wedges = vertices.iter().map(|vertex| store.wedge_count(*vertex)).sum::<Result<_, _>>()?;
+    Ok(Extent { vertices: vertices.len(), triangles: triangles.len(), wedges })
 }

@@ -20,12 +20,13 @@
 //!   written back whole, and what is not loaded was not changed, but for triangles that are marked as gone.
 //! - *What is left out has no effect.* The queue in memory may hold an edge several times; the tree holds equal entries
 //!   once, which is the same, as the second of two equal entries comes right after the first and finds the edge gone, or
-//!   illegal for the same reasons. And an entry whose key is below the edge's key of now is dropped here, where the queue in
-//!   memory puts it back with the new key. A key changes only when one of the ends takes over the quadric of another
-//!   vertex; then the edge is put into the queue at its new key, in the cheaper direction. Until the old entry is taken
-//!   out, nothing above it is, so that the new one is still there, or, if its key is that small, it was found illegal
-//!   and waits in the dearer direction at the key at which an old entry of that direction would be put back; or the edge
-//!   is gone. Rounding may make keys shrink; then the old entry, above the key of now, is kept and tried at its turn.
+//!   illegal for the same reasons. An entry whose key is below the edge's key of now is dropped, here and there. A key changes
+//!   only when one of the ends takes over the quadric of another vertex; then the edge is put into the queue at its new key,
+//!   in the cheaper direction. Until the old entry is taken out, nothing above it is, so that the new one is still there, or,
+//!   if its key is that small, it was found illegal and waits in the dearer direction; or the edge is gone. Rounding may make
+//!   keys shrink; then the old entry, above the key of now, is kept and tried at its turn.
+//! - *Raised keys* (see `collapse`) are worked out when an entry's turn comes. It then waits with the raised key as its key,
+//!   which only a key that has grown makes void. So what waits is the same, here and there, and so is what it waits for.
 //!
 //! So exterior boundary edges, those that touch a loaded sub-mesh but are not in the queue, are never below ℓ (paper).
 //! Unlike in the paper, left-over edges are not deleted and put in again where they did not change. Entries that a
@@ -57,9 +58,10 @@ use super::collapse::Engine;
 use super::components::Components;
 use super::journal::Journal;
 use super::live_mesh::{LiveMesh, Normalisation};
+use super::live_wedges::Heeded;
 use super::log::Simplified;
 use super::metric::CollapseMetric;
-use super::plan::Plan;
+use super::plan::{Carried, Plan};
 use super::queue;
 use loaded::{Standing, SubMeshes};
 use spanning::{Spanned, Spanning};
@@ -228,9 +230,15 @@ impl<M: CollapseMetric> Task<'_, M> {
         Normalisation::new(self.mesh.exponent)
     }
 
+    /// What the mesh carries in memory.
+    fn carried(&self) -> Carried {
+        Carried::of(self.mesh, self.bound)
+    }
+
     /// An engine without a mesh.
     fn engine(&self) -> Engine<M> {
-        let live = LiveMesh::new(self.normalisation(), self.mesh.bounds[0], self.bound);
+        let heeded = Heeded::of(self.mesh.attributes.as_ref());
+        let live = LiveMesh::new(self.normalisation(), self.mesh.bounds[0], self.bound, heeded);
         Engine::new(live, self.metric, self.mesh.exponent, self.bound)
     }
 }
@@ -244,7 +252,7 @@ pub(super) fn run<M: CollapseMetric>(
     let Task { mesh, shares, .. } = task;
     let progress = &mut |journal: &Journal| progress(journal.collapses() as f64 / mesh.positions.len().max(1) as f64);
     let (mut loads, components) = Loads::begin(task)?;
-    while !finish::fits(&loads.store, task.bound, loads.tree.len(), shares.core) && !loads.tree.is_empty() {
+    while !finish::fits(&loads.store, task.carried(), loads.tree.len(), shares.core) && !loads.tree.is_empty() {
         loads.one(shares, &journal)?;
         progress(&journal);
     }
@@ -252,7 +260,7 @@ pub(super) fn run<M: CollapseMetric>(
     let Loads { mut store, mut tree, mut counters, .. } = loads;
     counters.core_triangles = store.live_triangles;
     let mut engine = task.engine();
-    if finish::fits(&store, task.bound, tree.len(), shares.core) {
+    if finish::fits(&store, task.carried(), tree.len(), shares.core) {
         let queued = finish::drain(&mut *tree)?;
         counters.tree = tree.traffic();
         drop(tree);
@@ -280,8 +288,8 @@ pub(super) fn run<M: CollapseMetric>(
 }
 
 /// The mesh between loads, and what loads work with.
-struct Loads<M> {
-    store: MeshStore,
+struct Loads<'a, M> {
+    store: MeshStore<'a>,
     tree: Box<dyn EdgeTree>,
     loaded: SubMeshes<M>,
     spanning: Spanning,
@@ -306,9 +314,9 @@ const MADE_BYTES: usize = 8 * 2 * size_of::<Edge>();
 /// What a spanning edge is taken to need before the first load: a star of six triangles at either end.
 const FIRST_EDGE_BYTES: usize = 3 << 10;
 
-impl<M: CollapseMetric> Loads<M> {
+impl<'a, M: CollapseMetric> Loads<'a, M> {
     /// Step 1: puts a mesh on disk.
-    fn begin(task: &Task<'_, M>) -> Result<(Self, Components), SpannedError> {
+    fn begin(task: &Task<'a, M>) -> Result<(Self, Components), SpannedError> {
         let Task { mesh, metric, bound, kind, shares, scratch } = *task;
         let [vertices, triangles] = [mesh.positions.len(), mesh.triangles.len()].map(|count| count as u32);
         let mut tree =
@@ -320,7 +328,8 @@ impl<M: CollapseMetric> Loads<M> {
                 error => SpannedError::EdgeTree(error),
             })?;
         let most_kept = bound.pieces().saturating_sub(1);
-        let mut store = MeshStore::new(scratch, [vertices, triangles], most_kept, shares.pages as usize)?;
+        let (counts, attributes) = ([vertices, triangles], mesh.attributes.as_ref());
+        let mut store = MeshStore::new(scratch, counts, most_kept, attributes, shares.pages as usize)?;
         let (mut edges, components) = begin::begin(mesh, metric, scratch, shares.sub_meshes as usize, &mut store)?;
         let mut before = None;
         tree.bulk_load(&mut || {
@@ -415,10 +424,10 @@ impl<M: CollapseMetric> Loads<M> {
         // The first one may take all there is, so that there is always one that can be decided.
         let first = taken[0];
         if !self.loaded.prepare(&mut self.store, first, self.most)? {
-            let [vertices, triangles] = loaded::extent(&mut self.store, first)?;
+            let extent = loaded::extent(&mut self.store, first)?;
             let [low, high] = edges::ends(first);
-            let needed = shares.advice(SubMeshes::<M>::bytes_of(vertices, triangles, self.most_kept) as u64);
-            return Err(SpannedError::Star { low, high, triangles: triangles as u64, needed });
+            let needed = shares.advice(SubMeshes::<M>::bytes_of(extent, self.most_kept) as u64);
+            return Err(SpannedError::Star { low, high, triangles: extent.triangles as u64, needed });
         }
         self.spanning.clear();
         taken.sort_unstable_by_key(|edge| edges::ends(*edge));
@@ -471,4 +480,4 @@ impl<M: CollapseMetric> Loads<M> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

@@ -5,15 +5,18 @@
 //! collapse moves none of them. A triangle that is gone may stay in the chain of a corner whose whole star was not in
 //! memory when it went; it is passed over, and taken out when that star is written the next time.
 //!
-//! Memory: the pages that were allowed. I/O: 100 bytes for each vertex, 40 for each triangle and 56 for each piece that it
-//! may keep, in pages of 4 KiB; canonical ids follow the Morton order, so neighbours mostly lie in the same or in a few pages.
+//! Memory: what was allowed, for pages and, where there are attributes, for wedges. I/O: 100 bytes for each vertex, 40 for
+//! each triangle, 4 more where there are seams of a texture, and 56 for each piece that it may keep, in pages of 4 KiB;
+//! canonical ids follow the Morton order, so neighbours mostly lie in the same or in a few pages.
 
 use bytemuck::{Pod, Zeroable};
 use storage::{RecordFile, Scratch, StorageError, Traffic};
 
 use crate::simplify::bound::{MOST_PIECES, Piece};
-use crate::simplify::live_mesh::Node;
+use crate::simplify::live_mesh::{LiveMesh, Node};
+use crate::simplify::live_wedges::WedgeReader;
 use crate::simplify::metric::Quadric;
+use crate::tree::{CornerPlaces, MeshAttributes};
 
 /// A vertex. 100 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -128,11 +131,15 @@ impl CutPieces {
 
 /// The stores of vertices and triangles.
 #[derive(Debug)]
-pub(super) struct MeshStore {
+pub(super) struct MeshStore<'a> {
     vertices: RecordFile<StoredVertex>,
     triangles: RecordFile<StoredTriangle>,
     /// Pieces that triangles keep: so many places for each, where there may be any.
     cut_pieces: Option<(usize, RecordFile<Piece>)>,
+    /// The places of the corners among the wedges of their vertices, where there are vertices with several.
+    corners: Option<RecordFile<CornerPlaces>>,
+    /// The wedges of the mesh as it came, where it has attributes.
+    wedges: Option<WedgeReader<'a>>,
     /// How many vertices there were in the beginning.
     pub vertex_count: u32,
     /// How many triangles there were in the beginning.
@@ -143,15 +150,23 @@ pub(super) struct MeshStore {
     pub live_triangles: u64,
 }
 
-impl MeshStore {
-    /// An empty store for a mesh whose triangles keep at most so many pieces, with so many bytes of pages in RAM.
+/// The most stretches of wedges that are kept in memory.
+const MOST_WEDGE_STRETCHES: usize = 32;
+
+impl<'a> MeshStore<'a> {
+    /// An empty store for a mesh with these attributes whose triangles keep at most so many pieces, with so many bytes of
+    /// pages in RAM.
     pub fn new(
         scratch: &Scratch,
         [vertex_count, triangle_count]: [u32; 2],
         most_kept: usize,
+        attributes: Option<&'a MeshAttributes>,
         ram_bytes: usize,
     ) -> Result<Self, StorageError> {
-        let part = ram_bytes / if most_kept > 0 { 7 } else { 5 };
+        let seams = attributes.and_then(|attributes| attributes.seams.as_ref());
+        let for_wedges = if attributes.is_some() { ram_bytes / 8 } else { 0 };
+        let stretches = (for_wedges / WedgeReader::STRETCH_BYTES).clamp(1, MOST_WEDGE_STRETCHES);
+        let part = (ram_bytes - for_wedges) / (5 + if most_kept > 0 { 2 } else { 0 } + usize::from(seams.is_some()));
         let most_kept = most_kept.min(MOST_PIECES);
         let cut_pieces = match most_kept {
             0 => None,
@@ -161,6 +176,8 @@ impl MeshStore {
             vertices: RecordFile::new(scratch, "vertex-records", part * 3)?,
             triangles: RecordFile::new(scratch, "triangle-records", part * 2)?,
             cut_pieces,
+            corners: seams.map(|_| RecordFile::new(scratch, "corner-records", part)).transpose()?,
+            wedges: attributes.map(|attributes| WedgeReader::new(attributes, stretches)),
             vertex_count,
             triangle_count,
             live_vertices: vertex_count.into(),
@@ -205,9 +222,30 @@ impl MeshStore {
         Ok(())
     }
 
+    /// The places of a triangle's corners among the wedges of their vertices.
+    pub fn corners(&mut self, id: u32) -> Result<CornerPlaces, StorageError> {
+        self.corners.as_mut().map_or(Ok(CornerPlaces::default()), |file| file.get(id.into()))
+    }
+
+    /// Writes the places of a triangle's corners, if such are kept.
+    pub fn put_corners(&mut self, id: u32, places: CornerPlaces) -> Result<(), StorageError> {
+        self.corners.as_mut().map_or(Ok(()), |file| file.put(id.into(), &places))
+    }
+
+    /// How many wedges a vertex has, where the mesh has attributes.
+    pub fn wedge_count(&mut self, vertex: u32) -> Result<usize, StorageError> {
+        self.wedges.as_mut().map_or(Ok(0), |reader| reader.count(vertex))
+    }
+
+    /// Looks up the wedges of those vertices of a mesh that do not have theirs yet: the last ones.
+    pub fn load_wedges(&mut self, mesh: &mut LiveMesh) -> Result<(), StorageError> {
+        self.wedges.as_mut().map_or(Ok(()), |reader| mesh.load_wedges(reader))
+    }
+
     /// Bytes that passed between RAM and the files.
     pub fn traffic(&self) -> Traffic {
         let of_pieces = self.cut_pieces.as_ref().map_or(Traffic::default(), |(_, file)| file.traffic());
-        self.vertices.traffic() + self.triangles.traffic() + of_pieces
+        let of_corners = self.corners.as_ref().map_or(Traffic::default(), RecordFile::traffic);
+        self.vertices.traffic() + self.triangles.traffic() + of_pieces + of_corners
     }
 }

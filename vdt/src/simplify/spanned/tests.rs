@@ -26,18 +26,19 @@ fn lattice_soup(points: u32, triangles: &[[u32; 3]], size: u32) -> Option<CoreMe
     (!mesh.triangles.is_empty()).then_some(mesh)
 }
 
-fn any_soup() -> impl Strategy<Value = CoreMesh> {
+pub(in crate::simplify) fn any_soup() -> impl Strategy<Value = CoreMesh> {
     (4..90_u32, prop::collection::vec(any::<[u32; 3]>(), 1..160), 2..6_u32)
         .prop_filter_map("no triangle", |(points, triangles, size)| lattice_soup(points, &triangles, size))
 }
 
-fn in_core(mesh: &CoreMesh, metric: Metric, bound: ErrorBound) -> Outcome {
+pub(in crate::simplify) fn in_core(mesh: &CoreMesh, metric: Metric, bound: ErrorBound) -> Outcome {
     let stored = StoredMesh::from_core(mesh.clone(), FileCounts::default());
-    outcome(&stored, metric, Order::Btree, Plan::new(1 << 40, 1, bound))
+    let plan = Plan::new(1 << 40, 1, Carried::of(&stored, bound));
+    outcome(&stored, metric, Order::Btree, plan)
 }
 
 /// A tree and pages that hardly hold anything.
-fn tight(sub_meshes: u64, core: u64) -> Shares {
+pub(in crate::simplify) fn tight(sub_meshes: u64, core: u64) -> Shares {
     Shares { memory: ByteSize(4 * sub_meshes), tree: 0, pages: 0, sub_meshes, core }
 }
 
@@ -61,7 +62,11 @@ fn simplify(
 }
 
 /// With redb, on a disk in RAM.
-fn with_redb(mesh: &StoredMesh, (metric, bound): (Metric, ErrorBound), shares: Shares) -> (Outcome, SpannedCounters) {
+pub(in crate::simplify) fn with_redb(
+    mesh: &StoredMesh,
+    (metric, bound): (Metric, ErrorBound),
+    shares: Shares,
+) -> (Outcome, SpannedCounters) {
     let (simplified, counters) =
         simplify(mesh, (metric, bound), EdgeTreeKind::Redb, shares, MemoryDisk::new(), Path::new("scratch")).unwrap();
     (Outcome::of(simplified), counters)
@@ -280,7 +285,7 @@ fn a_full_disk_or_one_that_cannot_be_read_is_an_error_and_nothing_is_left() {
 }
 
 /// The triangles that are left on disk, and at each vertex the rejected edges, read from front to back.
-fn on_disk(store: &mut MeshStore) -> (BTreeMap<u32, [u32; 3]>, BTreeMap<u32, BTreeSet<u32>>) {
+fn on_disk(store: &mut MeshStore<'_>) -> (BTreeMap<u32, [u32; 3]>, BTreeMap<u32, BTreeSet<u32>>) {
     let (mut triangles, mut rejected) = (BTreeMap::new(), BTreeMap::<u32, BTreeSet<u32>>::new());
     for id in 0..store.triangle_count {
         let triangle = store.triangle(id).unwrap();
@@ -298,7 +303,7 @@ fn on_disk(store: &mut MeshStore) -> (BTreeMap<u32, [u32; 3]>, BTreeMap<u32, BTr
 }
 
 /// The chains, counts and marks of the store agree with each other.
-fn check_store(store: &mut MeshStore) {
+fn check_store(store: &mut MeshStore<'_>) {
     let (triangles, rejected) = on_disk(store);
     assert_eq!(store.live_triangles, triangles.len() as u64);
     let mut live = 0;
@@ -366,7 +371,7 @@ fn check_loads<M: CollapseMetric>(task: &Task<'_, M>) {
     while !loads.tree.is_empty() {
         let Some(limit) = loads.load(&task.shares).unwrap() else { continue };
         // A triangle more than the limit at most.
-        let enough = loads.most + SubMeshes::<M>::bytes_of(3, 1, 1);
+        let enough = loads.most + SubMeshes::<M>::bytes_of(loaded::Extent { vertices: 3, triangles: 1, wedges: 0 }, 1);
         assert!(loads.loaded.bytes() <= enough);
         // Every edge that is left in the tree is above the limit, those that touch what is loaded, too.
         let mut smallest = None;

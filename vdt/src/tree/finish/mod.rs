@@ -32,6 +32,7 @@
 
 mod born_triangles;
 mod numbering;
+mod wedges;
 
 use std::sync::{Mutex, PoisonError};
 
@@ -89,6 +90,22 @@ pub enum FinishError {
         /// Its canonical id.
         vertex: u32,
     },
+    /// A vertex has not the wedges that it must have.
+    #[error("the wedges of vertex {vertex}: {problem}")]
+    Wedges {
+        /// Its canonical id.
+        vertex: u32,
+        /// What does not fit.
+        problem: &'static str,
+    },
+    /// The images of wedges do not make forests.
+    #[error("the wedges of leaf {leaf}: {problem}")]
+    WedgeForest {
+        /// The leaf.
+        leaf: u32,
+        /// What does not fit.
+        problem: &'static str,
+    },
     /// A triangle cannot have died at the collapse that it is said to have died at.
     #[error("triangle {triangle}: {problem}")]
     Triangle {
@@ -116,8 +133,8 @@ pub fn finish(
     threads: usize,
     progress: &mut (dyn FnMut(f64) + Send),
 ) -> Result<StoredTree, FinishError> {
-    let StoredMesh { positions, triangles, origin, exponent, lattice_step, .. } = mesh;
-    let Simplified { log, deaths, roots, .. } = simplified;
+    let StoredMesh { positions, triangles, origin, exponent, lattice_step, mut attributes, .. } = mesh;
+    let Simplified { log, deaths, roots, wedge_images, .. } = simplified;
     let (vertices, collapses) = (positions.len(), log.len());
     let wrong = FinishError::Count { vertices, collapses, roots: roots.len() as u64 };
     // No chain of so many collapses makes an id overflow.
@@ -126,21 +143,37 @@ pub fn finish(
         _ => return Err(wrong),
     };
     let total = 3 * vertices + 2 * triangles.len();
-    let shares = Shares::of(memory, vertices * size_of::<u32>() as u64, threads);
+    // Corners stay beside the triangles, wedges go with the vertices.
+    let corners = attributes.as_mut().and_then(|attributes| attributes.seams.as_mut());
+    let corners = corners.map(|seams| std::mem::replace(&mut seams.corners, Spool::from_vec(Vec::new())));
+    let mut shares = Shares::of(memory, vertices * size_of::<u32>() as u64, threads);
+    if attributes.is_some() {
+        shares = shares.with_wedges();
+    }
     let report = Report { total, work: Mutex::new((0, progress)) };
     let work = Work { leaf_count, scratch, shares, threads, report: &report, done: 0 };
 
     let outward: Vec<i8> = roots.iter().map(|root| root.outward).collect();
     let mut leaf_of = PagedArray::new(scratch, "leaf-of-vertex", vertices, UNNUMBERED, work.shares.leaf_of)?;
     let roots = place_roots(&roots, leaf_count, &mut leaf_of)?;
-    let splits = numbering::number(&log, &mut leaf_of, exponent, &mut work.clone())?;
+    let mut keepers = corners.is_some().then(|| Scatter::new(scratch, "keepers-by-leaf", vertices, work.shares.wedges));
+    if let Some(keepers) = &mut keepers {
+        roots.iter().try_for_each(|root| keepers.put(root.start, root.start))?;
+    }
+    let splits = numbering::number(&log, &mut leaf_of, exponent, keepers.as_mut(), &mut work.clone())?;
     drop(log);
+    let keepers = keepers.map(Scatter::finish).transpose()?;
     let complete = || complete_splits(splits, &roots, &outward, &mut work.clone());
     let bear = || {
         let work = &mut work.clone();
         let positions = in_leaf_order(positions, &mut leaf_of, work)?;
-        let sorted = born_triangles::sort(triangles, deaths, leaf_of, work)?;
-        Ok((positions, born_triangles::write(sorted, work)?))
+        let bring = |attributes| wedges::in_leaf_order(attributes, wedge_images, keepers, &roots, &mut leaf_of, work);
+        let mut attributes = attributes.map(bring).transpose()?;
+        let born = born_triangles::bear(triangles, corners, deaths, leaf_of, work)?;
+        if let Some(seams) = attributes.as_mut().and_then(|attributes| attributes.seams.as_mut()) {
+            seams.corners = born.places;
+        }
+        Ok((positions, attributes, born.counts, born.corners))
     };
     let (splits, born): (_, Result<_, FinishError>) = if work.shares.are_for_two {
         std::thread::scope(|scope| {
@@ -151,8 +184,8 @@ pub fn finish(
     } else {
         (complete(), bear())
     };
-    let (splits, (positions, (triangle_counts, triangles))) = (splits?, born?);
-    Ok(StoredTree { positions, splits, triangle_counts, triangles, roots, origin, exponent, lattice_step })
+    let (splits, (positions, attributes, triangle_counts, triangles)) = (splits?, born?);
+    Ok(StoredTree { positions, splits, triangle_counts, triangles, roots, origin, exponent, lattice_step, attributes })
 }
 
 /// What all steps are given.
@@ -221,9 +254,25 @@ struct Shares {
     positions: usize,
     triangles: usize,
     triangle_counts: usize,
+    /// Of each sequence of wedges, where there are any.
+    wedges: usize,
 }
 
 impl Shares {
+    /// The same with room for wedges, by the sizes of what the finished tree has for them: 44 bytes for a leaf beside 68.
+    fn with_wedges(self) -> Self {
+        let of_tree = |share: usize| share / 112 * 68;
+        let positions = of_tree(self.positions);
+        Shares {
+            splits: of_tree(self.splits),
+            positions,
+            triangles: of_tree(self.triangles),
+            triangle_counts: of_tree(self.triangle_counts),
+            wedges: positions / 12 * 20,
+            ..self
+        }
+    }
+
     /// Of so much memory, where the table of leaves has so many bytes.
     fn of(memory: ByteSize, table_bytes: u64, threads: usize) -> Self {
         let are_for_two = threads > 1 && table_bytes <= memory.0 / 16 * 6;
@@ -243,6 +292,7 @@ impl Shares {
             positions: of_tree(12),
             triangles: of_tree(24),
             triangle_counts: of_tree(4),
+            wedges: 0,
         }
     }
 }

@@ -16,11 +16,13 @@ use crate::tree::order::switch_of;
 use crate::tree::record::{NO_SPLIT, NormalCone, Split};
 
 /// Numbers the leaf of each vertex in `leaf_of`, in which those of the roots stand. Returns the splits by born leaf, with
-/// their cones as the triangles are oriented. The mesh is at most 2^`exponent` wide.
+/// their cones as the triangles are oriented. The mesh is at most 2^`exponent` wide. `keepers`, where it is asked for, is told for
+/// each born leaf onto which one it is collapsed.
 pub(super) fn number(
     log: &Spool<LoggedCollapse>,
     leaf_of: &mut PagedArray,
     exponent: i32,
+    mut keepers: Option<&mut Scatter<u32>>,
     work: &mut Work<'_>,
 ) -> Result<Scattered<Split>, FinishError> {
     let mut splits = Scatter::new(work.scratch, "splits-by-leaf", work.leaf_count.into(), work.shares.moved_splits);
@@ -47,6 +49,9 @@ pub(super) fn number(
             };
             leaf_of.set(born, born_leaf)?;
             splits.put(born_leaf, split)?;
+            if let Some(keepers) = &mut keepers {
+                keepers.put(born_leaf, kept_leaf)?;
+            }
             work.step();
         }
         end = start;
