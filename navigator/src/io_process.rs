@@ -2,8 +2,11 @@
 //! keeps the reference counts. A thread of its own, beside the navigator's; or carried out at once by the navigator, so
 //! that a flight is the same each time.
 //!
-//! When a page comes into use its parent and its children are prefetched, each into a free place holder, as long as
-//! there are any: so "usually three levels of meta-nodes are kept in main memory".
+//! When nine of ten splits of a page are applied its parent and its children are prefetched, each into a free place holder, as
+//! long as there are any. (The paper does so as soon as a page comes into use. Its meta-nodes have few levels; the splits of ours
+//! reach over several octaves of error, so children are mostly far off then. Bytes read over those of the records used, misses,
+//! and CPU time of a frame, on a flight over srtm at 1 pixel in 48 MB: from the first split on 5.6, 1.4 %, 7.4 ms; from half of
+//! them on 4.8, 1.5 %, 6.2 ms; from nine of ten on 3.4, 1.2 %, 5.7 ms. In 16 MB 8.1, 6.4 and 5.5 times.)
 //!
 //! A page is loaded below its parent only (see [`pool`](crate::pool)). Most often that one is there: the split that asks
 //! for the page follows one in the parent page. Where the parent has gone meanwhile, so has the node that asked, and the

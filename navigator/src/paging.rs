@@ -11,7 +11,7 @@ use crate::board::{Board, Request};
 use crate::front::{Front, Misfit, NONE};
 use crate::io_process::{Io, IoProcess};
 use crate::navigator::NavigatorError;
-use crate::pool::{Hold, Pool, Use};
+use crate::pool::{Hold, Pool, Use, splits_to_refer};
 
 /// Who carries out the commands on the board.
 #[derive(Debug)]
@@ -118,7 +118,7 @@ impl Paging {
 
     /// The use begun before has led to a split.
     pub fn confirm_use(&mut self, slot: u32) {
-        if self.pool.usage(slot) == 1 {
+        if self.pool.usage(slot) == splits_to_refer(&self.pool.page(slot)) {
             self.board.post_change(slot);
             self.run_inline();
         }

@@ -327,6 +327,11 @@ impl State {
     }
 }
 
+/// How many splits of a page are applied when its children are near enough to be prefetched: nine of ten, see `io_process`.
+pub fn splits_to_refer(page: &Page) -> u32 {
+    (page.counts().records as u32 * 9 / 10).max(1)
+}
+
 impl Pool {
     /// A pool of the given pages, which are empty and all of one size.
     pub fn new(pages: Vec<Page>, second_chance: bool) -> Self {
@@ -631,12 +636,14 @@ impl Pool {
     }
 
     /// Whether the page in the slot is to be counted in the references of its parent and children from now on, or not
-    /// any more, where that changes. It is to be while it is in use; `always` counts it even so (the root pages, at the
-    /// start).
+    /// any more, where that changes. It is to be from when [`splits_to_refer`] of its splits are applied until none is; `always`
+    /// counts it even so (the root pages, at the start).
     pub fn update_references(&self, slot: u32, always: bool) -> Option<bool> {
+        let least = splits_to_refer(&self.page(slot));
         let mut state = self.state.lock();
-        let refers = self.usage(slot) > 0 || always;
+        let usage = self.usage(slot);
         let entry = &mut state.slots[slot as usize];
+        let refers = usage >= if entry.refers { 1 } else { least } || always;
         let change = (entry.refers != refers).then_some(refers);
         entry.refers = refers;
         change
