@@ -13,10 +13,10 @@ use storage::{ByteSize, CountingDisk, Disk, LocalDisk, Scratch};
 use vdt::build::{BuildError, BuildOptions, BuildReport, Estimate, Phase, PhaseWatch, Step, build, estimate};
 use vdt::ingest::{self, PositionsRule};
 use vdt::mesh::MeshError;
-use vdt::tree::{AttributeKinds, Positions};
+use vdt::tree::Positions;
 
 use crate::arguments;
-use crate::output::{Report, counted, grouped, input_error, may_write, positions};
+use crate::output::{Report, attribute_names, counted, grouped, input_error, may_write, positions};
 use crate::progress::Progress;
 use crate::warnings;
 
@@ -252,7 +252,7 @@ impl Done {
             "positions": build.positions.to_string(),
             "lattice_step": build.lattice_step,
             "input_error": build.input_error,
-            "attributes": attributes_json(build.attributes),
+            "attributes": attribute_names(build.attributes),
             "warnings": warnings::to_json(&build.cleaning, &build.missing_files),
             "seconds": self.seconds,
             "cpu_seconds": self.cpu_seconds,
@@ -301,13 +301,6 @@ impl Done {
             "model_sha256": self.digest,
         })
     }
-}
-
-/// The names of the attributes that were kept, for programs.
-fn attributes_json(kinds: AttributeKinds) -> Vec<&'static str> {
-    let AttributeKinds { normals, colours, textures, materials } = kinds;
-    let all = [(normals, "normals"), (colours, "colours"), (textures, "texture_coordinates"), (materials, "materials")];
-    all.into_iter().filter(|(is_there, _)| *is_there).map(|(_, name)| name).collect()
 }
 
 /// The name of a phase for programs.

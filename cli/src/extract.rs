@@ -12,7 +12,6 @@ use serde_json::{Value, json};
 use storage::{ByteSize, LocalDisk, StorageError};
 use vdt::mesh::MeshError;
 use vdt::mesh::writer::{CoordinateType, LayoutAttributes, MeshLayout, MeshWriter, OutputFormat, WrittenMesh};
-
 use vdt::tree::Image;
 
 use crate::arguments::{CameraArgument, ErrorArgument, ExtractOptions, PictureSize};

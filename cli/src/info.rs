@@ -17,7 +17,7 @@ use vdt::tree::{Appearance, AttributeKinds, Image, Material as ModelMaterial, No
 
 use crate::arguments::InfoOptions;
 use crate::compare::is_model;
-use crate::output::{Report, bound, counted, grouped, input_error, length, positions};
+use crate::output::{Report, attribute_names, bound, counted, grouped, input_error, length, positions};
 use crate::progress::Progress;
 
 /// The budget whose place holders are told.
@@ -64,7 +64,9 @@ fn model_info(path: &Path, decodes: bool, json: bool) -> Result<()> {
         ),
     );
     let mut document = model_json(header, &figures, details.as_ref(), place_holders);
-    document["attributes"] = attributes_json(&model);
+    // Normals there are always.
+    let kinds = model.appearance().map_or(AttributeKinds::default(), |found| found.layout.kinds);
+    document["attributes"] = attribute_names(AttributeKinds { normals: true, ..kinds }).into();
     document["normals_given"] = model.appearance().is_some_and(|found| found.layout.kinds.normals).into();
     if let Some(found) = model.appearance() {
         let Appearance { materials, images, texture_exponent, .. } = &found.appearance;
@@ -141,14 +143,6 @@ fn attribute_lines_of_model(report: &mut Report, model: &Model) {
         let more = materials.len() - LISTED_MATERIALS;
         report.line("", format!("and {} more; --json lists all", grouped(more as u64)));
     }
-}
-
-/// The attributes of a model.
-fn attributes_json(model: &Model) -> Value {
-    let Some(found) = model.appearance() else { return json!(["normals"]) };
-    let AttributeKinds { colours, textures, materials, .. } = found.layout.kinds;
-    let all = [(true, "normals"), (colours, "colours"), (textures, "texture_coordinates"), (materials, "materials")];
-    all.into_iter().filter_map(|(is_there, name)| is_there.then_some(name)).collect()
 }
 
 fn error_lines(report: &mut Report, header: &Header, details: Option<&ModelDetails>) {

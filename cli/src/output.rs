@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use storage::Disk;
-use vdt::tree::Positions;
+use vdt::tree::{AttributeKinds, Positions};
 
 /// Facts with labels, printed as two columns, or as JSON.
 #[derive(Debug, Default)]
@@ -90,6 +90,13 @@ pub fn positions(positions: Positions, lattice_step: f32) -> String {
         Positions::Lossless => "lossless".into(),
         Positions::Bits(bits) => format!("{bits} bits: rounded to a lattice with steps of {step}"),
     }
+}
+
+/// The names of attributes, for programs.
+pub fn attribute_names(kinds: AttributeKinds) -> Vec<&'static str> {
+    let AttributeKinds { normals, colours, textures, materials } = kinds;
+    let all = [(normals, "normals"), (colours, "colours"), (textures, "texture_coordinates"), (materials, "materials")];
+    all.into_iter().filter(|(is_there, _)| *is_there).map(|(_, name)| name).collect()
 }
 
 /// Refuses an output that exists, unless it may be replaced, one whose folder does not exist, one that is no plain file,

@@ -89,11 +89,7 @@ impl ImageCheck {
 }
 
 /// Hands on the bytes of an image, piece by piece. False where it is missing.
-///
-/// # Errors
-///
-/// The disk's, and those of `action`.
-pub fn for_each_chunk<E: From<StorageError>>(
+pub(crate) fn for_each_chunk<E: From<StorageError>>(
     disk: &dyn Disk,
     source: &ImageSource,
     mut action: impl FnMut(&[u8]) -> Result<(), E>,
@@ -108,8 +104,18 @@ pub fn for_each_chunk<E: From<StorageError>>(
         ImageSource::Part { path, offset, length } => (path, *offset, Some(*length)),
     };
     let file = disk.open(path)?;
-    let mut left = length.unwrap_or_else(|| file.length());
-    let mut offset = offset;
+    let length = length.unwrap_or_else(|| file.length());
+    read_chunks(file.as_ref(), offset, length, action)?;
+    Ok(true)
+}
+
+/// Hands on so many bytes of a file, piece by piece.
+pub(crate) fn read_chunks<E: From<StorageError>>(
+    file: &dyn ReadAt,
+    mut offset: u64,
+    mut left: u64,
+    mut action: impl FnMut(&[u8]) -> Result<(), E>,
+) -> Result<(), E> {
     let mut chunk = vec![0; CHUNK.min(usize::try_from(left).unwrap_or(CHUNK))];
     while left > 0 {
         let count = chunk.len().min(usize::try_from(left).unwrap_or(CHUNK));
@@ -117,7 +123,7 @@ pub fn for_each_chunk<E: From<StorageError>>(
         action(&chunk[..count])?;
         (offset, left) = (offset + count as u64, left - count as u64);
     }
-    Ok(true)
+    Ok(())
 }
 
 impl ModelAppearance {

@@ -44,13 +44,17 @@ impl<'c, 'm> CutWedges<'c, 'm> {
         let Some(appearance) = model.appearance() else { return Ok(None) };
         let seams = if appearance.layout.has_seams { Some(Self::seams(cut)?) } else { None };
         let mut wedges = CutWedges { cut, seams, materials: Vec::new(), has_alpha: false };
+        let kinds = appearance.layout.kinds;
+        if !kinds.materials && !kinds.colours {
+            return Ok(Some(wedges));
+        }
         let (mut materials, mut has_alpha) = (Vec::new(), false);
-        if appearance.layout.kinds.materials {
+        if kinds.materials {
             materials.reserve_exact(usize::try_from(wedges.vertex_count()).unwrap_or_default());
         }
         wedges.for_each_vertex(|_, wedge| -> Result<(), ModelError> {
             has_alpha |= wedge.colour[3] < u8::MAX;
-            if appearance.layout.kinds.materials {
+            if kinds.materials {
                 materials.push(wedge.material);
             }
             Ok(())

@@ -11,13 +11,10 @@ use std::sync::Arc;
 use storage::{Disk, ReadAt, StorageError};
 use vdt::tree::ImageSource;
 
-use crate::appearance::ModelAppearance;
+use crate::appearance::{ModelAppearance, read_chunks};
 use crate::codec::{self as coder, Context, FieldBits, Head, PageDecoder, Shape};
 use crate::header::{HEADER_BYTES, Header, ModelError, ModelRoot, ROOT_PAGE_WORDS, ROOT_WORDS, WAY_WORDS, Way};
 use crate::page::{Page, PageLocation};
-
-/// Bytes of an image that are read at once.
-const IMAGE_CHUNK: usize = 1 << 20;
 
 /// A model file open for reading.
 #[derive(Debug)]
@@ -85,18 +82,11 @@ impl Model {
     pub fn image<E: From<StorageError>>(
         &self,
         number: usize,
-        mut action: impl FnMut(&[u8]) -> Result<(), E>,
+        action: impl FnMut(&[u8]) -> Result<(), E>,
     ) -> Result<bool, E> {
         let image = self.appearance.appearance.images.get(number);
         let Some(ImageSource::Part { offset, length, .. }) = image.map(|image| &image.source) else { return Ok(false) };
-        let (mut offset, mut left) = (*offset, *length);
-        let mut chunk = vec![0; IMAGE_CHUNK.min(usize::try_from(left).unwrap_or(IMAGE_CHUNK))];
-        while left > 0 {
-            let count = chunk.len().min(usize::try_from(left).unwrap_or(IMAGE_CHUNK));
-            self.file.read_exact_at(offset, &mut chunk[..count])?;
-            action(&chunk[..count])?;
-            (offset, left) = (offset + count as u64, left - count as u64);
-        }
+        read_chunks(self.file.as_ref(), *offset, *length, action)?;
         Ok(true)
     }
 

@@ -18,6 +18,7 @@ pub mod compare;
 pub mod generate;
 pub mod ingest;
 pub mod mesh;
+mod nearby;
 pub mod simplify;
 pub mod tree;
 mod vector;

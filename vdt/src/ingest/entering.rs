@@ -15,13 +15,13 @@ use super::frame::{Frame, Grid, Rounding};
 use super::limits::{Kept, Limits};
 use super::marks::Marks;
 use super::progress::Progress;
-use super::random::RandomReader;
 use super::vertices::VertexSpool;
 use super::wedges::words_of;
 use super::weld::{
     Entrance, HeldRam, LatticeRecord, Vertex, VertexRecord, WedgeRecord, Welded, low_and_high, mixed, of_low_and_high,
     weld,
 };
+use crate::nearby::Nearby;
 use crate::tree::{Appearance, Normal};
 
 /// The vertices of the files, and the frame that they are taken into.
@@ -171,9 +171,9 @@ impl CornersAsVertices {
         limits: &Limits,
         progress: &mut Progress<'_>,
     ) -> Result<(), StorageError> {
-        let mut vertices = RandomReader::new(&self.vertices.spool, ram_bytes / 2);
-        let mut textures = RandomReader::new(&self.textures.spool, ram_bytes / 4);
-        let mut normals = RandomReader::new(&self.normals.spool, ram_bytes / 4);
+        let mut vertices = Nearby::within(&self.vertices.spool, ram_bytes / 2);
+        let mut textures = Nearby::within(&self.textures.spool, ram_bytes / 4);
+        let mut normals = Nearby::within(&self.normals.spool, ram_bytes / 4);
         let mut looks = self.looks.spool.reader(limits.buffer());
         let mut next = 0;
         Chunk::for_each(&self.triangles, limits.buffer(), |corners| {

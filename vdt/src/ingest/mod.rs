@@ -31,7 +31,7 @@
 //! | `file_attributes` | the attributes of the files, as they were read |
 //! | `entering` | what is welded: vertices, or corners with their attributes |
 //! | `weld`, `twins` | vertices sorted and welded: canonical ids |
-//! | `wedges`, `random` | the wedges of vertices and corners; reading at any place |
+//! | `wedges` | the wedges of vertices and corners |
 //! | `corners` | triangles from file numbers to canonical ids |
 //! | `triangles` | triangles sorted, duplicates dropped |
 //! | `segments` | triangles without area, and how far they reach beyond the mesh |
@@ -61,7 +61,6 @@ mod load;
 mod marks;
 mod morton;
 mod progress;
-mod random;
 mod seams;
 mod segments;
 mod stored;

@@ -13,7 +13,7 @@ use storage::{Scratch, SortRecord, Sorter, SpoolReader, SpoolWriter, StorageErro
 
 use super::limits::{Kept, Limits};
 use super::marks::{MarkWindow, Marks, MarksReader};
-use super::random::RandomReader;
+use crate::nearby::Nearby;
 use crate::tree::{Appearance, CornerPlaces, MOST_WEDGES, MeshAttributes, MeshSeams, Normal, Wedge};
 
 /// Words that are in the order of the wedge.
@@ -158,7 +158,7 @@ impl WeldedWedges {
     /// Tells the vertices of wedges, if some vertex has several wedges; through `ram_bytes`.
     pub fn vertices(&self, ram_bytes: usize) -> Option<WedgeVertices<'_>> {
         let words = self.words.as_ref()?;
-        Some(WedgeVertices { words: RandomReader::new(&words.spool, ram_bytes) })
+        Some(WedgeVertices { words: Nearby::within(&words.spool, ram_bytes) })
     }
 
     /// The wedges that are used, where no vertex has several. `used` are the vertices that are, if some are not.
@@ -234,7 +234,7 @@ impl WeldedWedges {
             return Ok((MeshAttributes { appearance, wedges, seams: None }, merged));
         }
         let mut writer = SpoolWriter::new(scratch, "corner-places", limits.memory / 64);
-        let mut place = RandomReader::new(&places, left / 4);
+        let mut place = Nearby::within(&places, left / 4);
         let mut reader = corners.spool.reader(limits.buffer());
         while let Some([a, b, c]) = reader.next()? {
             let [a, b, c] = [place.get(a.into())?, place.get(b.into())?, place.get(c.into())?];
@@ -270,7 +270,7 @@ impl Walk<'_> {
 /// Tells the vertex of a wedge.
 #[derive(Debug)]
 pub(super) struct WedgeVertices<'a> {
-    words: RandomReader<'a, Word>,
+    words: Nearby<'a, Word>,
 }
 
 impl WedgeVertices<'_> {

@@ -14,11 +14,11 @@ use std::sync::Arc;
 use storage::{Disk, StorageError};
 
 use super::StoredMesh;
-use super::random::RandomReader;
 use crate::mesh::MeshError;
 use crate::mesh::writer::{
     CoordinateType, LayoutAttributes, MeshLayout, MeshWriter, OutputFormat, WrittenMesh, image_bytes,
 };
+use crate::nearby::Nearby;
 use crate::tree::{Image, MeshAttributes, Wedge};
 
 /// Bytes of a buffer through which a sequence is read from front to back.
@@ -152,10 +152,10 @@ fn write_triangles(
     let mut triangles = mesh.triangles.reader(BUFFER);
     let attributes = mesh.attributes.as_ref();
     let seams = attributes.and_then(|attributes| attributes.seams.as_ref());
-    let mut firsts = seams.map(|seams| RandomReader::new(&seams.first_wedges, ram_bytes / 2));
+    let mut firsts = seams.map(|seams| Nearby::within(&seams.first_wedges, ram_bytes / 2));
     let mut places = seams.map(|seams| seams.corners.reader(BUFFER));
     let with_materials = attributes.filter(|attributes| attributes.appearance.kinds.materials);
-    let mut wedges = with_materials.map(|attributes| RandomReader::<Wedge>::new(&attributes.wedges, ram_bytes / 2));
+    let mut wedges = with_materials.map(|attributes| Nearby::<Wedge>::within(&attributes.wedges, ram_bytes / 2));
     for number in 0.. {
         let Some(triangle) = triangles.next()? else { break };
         let mut corners = triangle.map(u64::from);

@@ -11,10 +11,10 @@
 use bytemuck::{Pod, Zeroable};
 use storage::StorageError;
 
+use crate::nearby::Nearby;
 use crate::tree::{CornerPlaces, MeshAttributes, Wedge};
 
 use super::live_mesh::LiveMesh;
-use super::nearby::Nearby;
 
 /// Which attributes a simplification heeds.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

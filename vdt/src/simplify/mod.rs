@@ -35,7 +35,6 @@ mod live_mesh;
 mod live_wedges;
 pub mod log;
 pub mod metric;
-mod nearby;
 mod passes;
 mod plan;
 mod prefetch;

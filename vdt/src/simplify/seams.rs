@@ -12,11 +12,11 @@ use bytemuck::{Pod, Zeroable};
 use storage::{Scratch, SortRecord, Sorter, Spool, SpoolWriter, StorageError};
 
 use crate::ingest::StoredMesh;
+use crate::nearby::Nearby;
 
 use super::initial::{InitialVertex, initial_vertex};
 use super::live_mesh::{Node, Normalisation, SPECIAL};
 use super::metric::{CollapseMetric, Quadric};
-use super::nearby::Nearby;
 use super::records::{Span, VertexRecord};
 use super::rounds::{Histogram, Sample, count_edge};
 
