@@ -319,18 +319,11 @@ fn fill(file: &mut AtomicFile, count: u64, byte: u8) -> Result<(), StorageError>
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::layout;
     use super::*;
 
     #[test]
     fn four_gibibytes_are_the_end() {
-        let layout = |vertices, triangles| MeshLayout {
-            vertices,
-            triangles,
-            coordinates: CoordinateType::Float,
-            origin: [0.0; 3],
-            comments: Vec::new(),
-            attributes: None,
-        };
         let most = (1 << 32) / 12;
         assert_eq!(check(&layout(most - 10, 10), 3), Ok(()));
         assert!(check(&layout(most - 10, 10), 4).is_err());

@@ -10,7 +10,7 @@ use super::super::{ImageSource, TriangleSink, gltf as gltf_reader, obj as obj_re
 use super::*;
 use crate::tree::{AttributeKinds, Material, Normal};
 
-fn layout(vertices: u64, triangles: u64) -> MeshLayout {
+pub(super) fn layout(vertices: u64, triangles: u64) -> MeshLayout {
     MeshLayout {
         vertices,
         triangles,
