@@ -475,6 +475,9 @@ pub struct NavigateOptions {
     /// between.
     #[arg(long, default_value_t = 60.0, value_parser = not_negative)]
     pub frame_rate: f64,
+    /// Fly the path once before, without counting: then RAM holds what it can of what the flight needs.
+    #[arg(long)]
+    pub warm: bool,
     /// Do not load parents and children of the meta-nodes in use ahead of time.
     #[arg(long)]
     pub no_prefetch: bool,

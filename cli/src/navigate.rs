@@ -49,6 +49,13 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
     let mut navigator = Navigator::open(model.clone(), navigator_options)?;
     let place_holders = navigator.place_holders();
 
+    if options.warm {
+        let progress = Progress::new("flying to warm up");
+        for (number, camera) in cameras.iter().enumerate() {
+            navigator.frame(camera)?;
+            progress.show((number + 1) as f64 / cameras.len() as f64);
+        }
+    }
     let progress = Progress::new("flying");
     let pace = (options.frame_rate > 0.0 && options.io == IoName::Thread).then(|| 1.0 / options.frame_rate);
     let mut summary = FlightSummary::default();

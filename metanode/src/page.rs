@@ -31,6 +31,7 @@
 //!
 //! How a page is coded in the file is the matter of `codec`.
 
+use storage::prefetch::prefetch;
 use thiserror::Error;
 pub use vdt::tree::{Normal, NormalCone};
 
@@ -466,6 +467,24 @@ impl Page {
             cone: NormalCone::from_word(words[3]),
             target: if child == NONE_16 { Target::SamePage { record } } else { Target::ChildPage { child, record } },
         })
+    }
+
+    /// Fetches a record into the cache; no effect where there is none.
+    #[inline]
+    pub fn prefetch_record(&self, index: u16) {
+        prefetch(&self.words, self.records_start(index.into()));
+    }
+
+    /// Fetches the entries and the born triangles of a record, which itself was fetched before.
+    #[inline]
+    pub fn prefetch_parts(&self, index: u16) {
+        if usize::from(index) < self.counts.records {
+            let start = self.records_start(index.into());
+            let [kept, born] = [low(self.words[start + 5]), high(self.words[start + 5])];
+            let first = if kept == NONE_16 { born } else { kept };
+            prefetch(&self.words, self.counts.entries_start() + usize::from(first) * ENTRY_WORDS);
+            prefetch(&self.words, self.counts.triangles_start() + self.words[start + 6] as usize * TRIANGLE_WORDS);
+        }
     }
 
     /// The triangles born by the record with this index; none where there is no such record.

@@ -12,16 +12,20 @@ use metanode::page::{Page, PageLocation};
 use parking_lot::RwLockReadGuard;
 use thiserror::Error;
 
-use crate::front::{Corner, NODE_BYTES, TREE_BYTES, TRIANGLE_BYTES, TRIANGLE_LIMIT};
+use crate::collapse_queue::CollapseQueue;
+use crate::front::{CHUNK, Capacity, Corner, LINE_BYTES, TREE_BYTES, TRIANGLE_BYTES, TRIANGLE_LIMIT, VERTEX_BYTES};
 use crate::pool::{LEAST_FOR_URGENT, SLOT_OVERHEAD_BYTES};
 use crate::refine::CHAIN_BYTES;
+use crate::split_queue::QUEUE_BYTES;
 
 /// Bytes for each page above the one that is decoded: its place holder, a guard and a reference; and, for the navigator
 /// and for the I/O process, where it lies.
 const ANCESTOR_BYTES: usize =
     size_of::<u32>() + size_of::<RwLockReadGuard<'_, Page>>() + size_of::<&Page>() + 2 * size_of::<PageLocation>();
-/// Bytes of a candidate for a split or a collapse.
-const CANDIDATE_BYTES: usize = size_of::<u64>();
+/// Bits for each vertex and each place of a triangle: whether its number is used, and whether it has changed; rounded up.
+const NOTE_BYTES: f64 = 0.5;
+/// Cache lines of stars for a vertex. Cuts of ten models (scans, terrains, isosurfaces, machine parts) take 1.1 to 1.3.
+const LINES_PER_VERTEX: f64 = 1.3;
 /// The place holders' share. Flights and orbits over three models (dragon, terrain, robot) in 2, 4 and 16 MB, at a
 /// tenth of a pixel so that the limits decided, drew 3 to 18 % more triangles with 0.55 than with 0.5, 2 to 4 % more
 /// than with 0.6, and clearly more than with 0.3 or 0.7.
@@ -37,16 +41,8 @@ pub const SPARE_SLOTS: usize = LEAST_FOR_URGENT - 1;
 pub struct Budget {
     /// Place holders.
     pub slots: usize,
-    /// Nodes of the front, active or split.
-    pub nodes: usize,
-    /// Active triangles.
-    pub triangles: usize,
-    /// Candidates for a split.
-    pub split_candidates: usize,
-    /// Candidates for a collapse.
-    pub collapse_candidates: usize,
-    /// Most triangles that one split can bear.
-    pub born_triangles: usize,
+    /// Room in the front.
+    pub front: Capacity,
     /// All of it, in bytes.
     pub bytes: u64,
 }
@@ -128,23 +124,22 @@ impl Needs {
     }
 
     fn budget(&self, slots: usize, splits: usize) -> Budget {
-        let active = self.roots + splits;
-        let mut budget = Budget {
-            slots,
-            nodes: active + splits,
+        let vertices = (self.roots + splits).next_multiple_of(CHUNK);
+        let front = Capacity {
+            vertices,
             triangles: self.triangles_for(splits),
-            split_candidates: active,
-            collapse_candidates: active / 2 + 1,
+            lines: (vertices as f64 * LINES_PER_VERTEX) as usize + 64,
             born_triangles: self.born_triangles,
-            bytes: 0,
         };
+        let noted = front.vertices + front.triangles.next_multiple_of(CHUNK);
         let bytes = self.fixed_bytes
             + slots * self.slot_cost()
-            + budget.nodes * NODE_BYTES
-            + budget.triangles * TRIANGLE_BYTES
-            + (budget.split_candidates + budget.collapse_candidates) * CANDIDATE_BYTES;
-        budget.bytes = bytes as u64;
-        budget
+            + front.vertices * (VERTEX_BYTES + QUEUE_BYTES)
+            + front.lines * LINE_BYTES
+            + front.triangles.next_multiple_of(CHUNK) * TRIANGLE_BYTES
+            + (noted as f64 * NOTE_BYTES) as usize
+            + CollapseQueue::bytes(vertices);
+        Budget { slots, front, bytes: bytes as u64 }
     }
 
     /// The most splits for which a pool of `slots` and a front fit into `bytes`, but no fewer than `least`.
@@ -202,13 +197,13 @@ mod tests {
         let smallest = plan(&model, 0).unwrap_err().smallest;
         assert!(plan(&model, smallest - 1).is_err());
         let whole = plan(&model, 1 << 40).unwrap();
-        assert_eq!(whole.nodes, (model.header().leaf_count + model.header().split_count) as usize);
-        assert_eq!(whole.triangles, model.header().triangle_count as usize);
+        assert_eq!(whole.front.vertices, (model.header().leaf_count as usize).next_multiple_of(CHUNK));
+        assert_eq!(whole.front.triangles, model.header().triangle_count as usize);
         assert_eq!(whole.slots, model.header().page_count as usize + SPARE_SLOTS);
         let mut memory = smallest;
         while memory < whole.bytes {
             let budget = plan(&model, memory).unwrap();
-            assert!(budget.bytes <= memory && budget.bytes > memory - 2 * u64::from(model.header().slot_bytes) - 4096);
+            assert!(budget.bytes <= memory && budget.bytes > memory - 2 * u64::from(model.header().slot_bytes) - (32 << 10));
             assert!(budget.slots >= LEAST_FOR_URGENT + model.header().page_levels as usize - 1);
             memory += 1000;
         }

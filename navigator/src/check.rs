@@ -5,7 +5,7 @@ use metanode::model::{Model, PageReader};
 use metanode::page::{Page, PageLocation, Target};
 
 use crate::dependency::Dependency;
-use crate::front::{Front, NEVER, NONE, State};
+use crate::front::{Front, NONE};
 use crate::navigator::Navigator;
 
 /// Checks, between two frames, everything that must hold; says what does not.
@@ -37,32 +37,17 @@ pub(crate) fn check_cut(navigator: &Navigator) -> Result<(), String> {
 fn check_nodes(navigator: &Navigator) -> Result<(), String> {
     let front = navigator.front();
     let mut intervals = Vec::new();
-    for node in front.nodes() {
-        let (start, end) = front.interval(node);
-        if front.is_active(node) {
-            intervals.push((start, end));
-            let is_leaf = front.state(node) == State::Leaf;
-            if is_leaf != (end - start == 1) || is_leaf != (front.id(node) == 0) {
-                return Err(format!("active node {node} with leaves {start}..{end} has id {}", front.id(node)));
-            }
-        } else {
-            let [kept, born] = front.children(node);
-            let ((kept_start, kept_end), (born_start, born_end)) = (front.interval(kept), front.interval(born));
-            let both_active = front.is_active(kept) && front.is_active(born);
-            let fits = kept_start == start
-                && kept_end == born_start
-                && born_end == end
-                && [kept, born].iter().all(|child| front.parent(*child) == node && front.id(*child) < front.id(node))
-                && front.moved_by(born) == front.id(node)
-                && [front.id(node), front.moved_by(node)].contains(&front.moved_by(kept))
-                && both_active == (front.state(node) == State::Collapsible);
-            if !fits {
-                return Err(format!("node {node} with leaves {start}..{end} does not fit to {kept} and {born}"));
-            }
+    for vertex in front.vertices() {
+        let (start, end) = front.interval(vertex);
+        intervals.push((start, end));
+        if front.is_leaf(vertex) != (end - start == 1) {
+            return Err(format!("active node {vertex} with leaves {start}..{end} has id {}", front.id(vertex)));
         }
-        if front.parent(node) == NONE && front.moved_by(node) != NEVER {
-            return Err(format!("root {node} is moved by something"));
+        let is_root = front.kept(vertex) == NONE;
+        if is_root != ((vertex as usize) < navigator.model().roots().len()) {
+            return Err(format!("vertex {vertex} is a root, or is not"));
         }
+        check_births_at(front, vertex)?;
     }
     intervals.sort_unstable();
     let mut next = 0;
@@ -75,37 +60,77 @@ fn check_nodes(navigator: &Navigator) -> Result<(), String> {
     if next != navigator.model().header().leaf_count {
         return Err(format!("the active nodes end at leaf {next}"));
     }
-    if intervals.len() != front.active_count() || front.nodes().count() != front.node_count() {
-        return Err(format!("{} active nodes, counted {}", intervals.len(), front.active_count()));
+    if intervals.len() != front.vertex_count() {
+        return Err(format!("{} active nodes, counted {}", intervals.len(), front.vertex_count()));
+    }
+    Ok(())
+}
+
+/// The id of the node that a vertex was born as: that of the first split there, or of the active node.
+fn first_id(front: &Front, vertex: u32) -> u32 {
+    let mut born = front.last_born(vertex);
+    if born == NONE {
+        return front.id(vertex);
+    }
+    while front.previous(born) != NONE {
+        born = front.previous(born);
+    }
+    front.id_above(born)
+}
+
+/// The splits at a vertex, from the last one back: each bore a vertex whose leaves come after those of later ones, and undoing it
+/// restores a node with a larger id than those of both children.
+fn check_births_at(front: &Front, vertex: u32) -> Result<(), String> {
+    let (start, mut end) = front.interval(vertex);
+    let (mut born, mut kept_id) = (front.last_born(vertex), front.id(vertex));
+    let can_be_undone = born != NONE && front.last_born(born) == NONE;
+    if born != NONE && front.is_collapsible(born) != can_be_undone {
+        return Err(format!("vertex {vertex}: whether the split that bore {born} can be undone is not {can_be_undone}"));
+    }
+    if front.criteria_fit(vertex) != Ok(()) {
+        return Err(format!("vertex {vertex}: {:?}", front.criteria_fit(vertex)));
+    }
+    while born != NONE {
+        let (born_start, born_end) = front.interval_of_birth(born);
+        let id = front.id_above(born);
+        let fits = front.kept(born) == vertex && born_start == end && id > kept_id && id > first_id(front, born);
+        if !fits {
+            return Err(format!("vertex {born}, with leaves {born_start}..{born_end}, was not born from {vertex}, {start}..{end}"));
+        }
+        (end, kept_id) = (born_end, id);
+        born = front.previous(born);
     }
     Ok(())
 }
 
 fn check_stars(front: &Front) -> Result<(), String> {
     let mut from_triangles = Vec::new();
-    for (leaves, nodes) in front.triangles() {
-        for (leaf, node) in leaves.into_iter().zip(nodes) {
-            let (start, end) = front.interval(node);
-            if !front.is_active(node) || leaf < start || leaf >= end {
-                return Err(format!("triangle {leaves:?}: leaf {leaf} is not under node {node}"));
+    for (triangle, corners) in front.triangles() {
+        for (place, vertex) in corners.into_iter().enumerate() {
+            let leaf = front.leaf_at(vertex, triangle);
+            let (start, end) = front.interval(vertex);
+            if !front.is_vertex(vertex) || leaf < start || leaf >= end {
+                return Err(format!("triangle {triangle}: leaf {leaf} is not under vertex {vertex}"));
             }
+            from_triangles.push((vertex, triangle << 2 | place as u32));
         }
-        if nodes[0] == nodes[1] || nodes[1] == nodes[2] || nodes[2] == nodes[0] {
-            return Err(format!("triangle {leaves:?} has the corners {nodes:?}"));
+        if corners[0] == corners[1] || corners[1] == corners[2] || corners[2] == corners[0] {
+            return Err(format!("triangle {triangle} has the corners {corners:?}"));
         }
-        from_triangles.extend((0..3).map(|place| (nodes[place], [nodes[(place + 1) % 3], nodes[(place + 2) % 3]])));
     }
     if from_triangles.len() != 3 * front.triangle_count() {
         return Err(format!("{} corners, {} triangles counted", from_triangles.len(), front.triangle_count()));
     }
-    let active = front.nodes().filter(|node| front.is_active(*node));
-    let mut from_stars: Vec<_> = active
-        .flat_map(|node| front.star(node).take(from_triangles.len() + 1).map(move |others| (node, others)))
-        .collect();
+    let star = |vertex: u32| front.star(vertex).take(from_triangles.len() + 1).map(move |entry| (vertex, entry.corner));
+    let mut from_stars: Vec<_> = front.vertices().flat_map(star).collect();
     from_triangles.sort_unstable();
     from_stars.sort_unstable();
     if from_triangles != from_stars {
         return Err("the stars are not those of the triangles".into());
+    }
+    let drawn = front.corners().iter().filter(|[first, second, _]| first != second).count();
+    if drawn != front.triangle_count() {
+        return Err(format!("the list draws {drawn} triangles of {}", front.triangle_count()));
     }
     Ok(())
 }
@@ -113,10 +138,11 @@ fn check_stars(front: &Front) -> Result<(), String> {
 fn check_births(navigator: &Navigator) -> Result<(), String> {
     let front = navigator.front();
     let mut born = Vec::new();
-    for node in front.nodes().filter(|node| !front.is_active(*node)) {
-        born.extend(navigator.paging().page(front.page_or_slot(node)).triangles(front.record(node)));
+    for vertex in front.born() {
+        born.extend(navigator.paging().page(front.slot(vertex)).triangles(front.record_of_birth(vertex)));
     }
-    let mut drawn: Vec<_> = front.triangles().map(|(leaves, _)| leaves).collect();
+    let source = |(triangle, corners): (u32, [u32; 3])| corners.map(|vertex| front.leaf_at(vertex, triangle));
+    let mut drawn: Vec<_> = front.triangles().map(source).collect();
     born.sort_unstable();
     drawn.sort_unstable();
     let mut by_tree = vec![0; navigator.model().roots().len()];
@@ -138,7 +164,8 @@ fn check_births(navigator: &Navigator) -> Result<(), String> {
 
 fn check_lives(navigator: &Navigator) -> Result<(), String> {
     let front = navigator.front();
-    for (leaves, nodes) in front.triangles() {
+    for (triangle, nodes) in front.triangles() {
+        let leaves = nodes.map(|vertex| front.leaf_at(vertex, triangle));
         for first in 0..3 {
             for second in (0..3).filter(|second| *second != first) {
                 let moves_on = front.moved_by(nodes[second]);
@@ -159,12 +186,13 @@ fn check_lives(navigator: &Navigator) -> Result<(), String> {
 /// By which collapse the corner of this leaf was moved to an active node; 0 where it never was. Reads the pages below.
 fn last_moved(navigator: &Navigator, node: u32, leaf: u32) -> Result<u32, String> {
     let (front, paging, model) = (navigator.front(), navigator.paging(), navigator.model());
-    if front.state(node) == State::Leaf {
+    if front.is_leaf(node) {
         return Ok(0);
     }
-    let (mut moved, mut index) = (front.id(node), front.record(node));
+    let (page_number, mut index) = front.place(node);
+    let mut moved = front.id(node);
     let mut above = Vec::new();
-    let mut below = match front.parent(node) {
+    let mut below = match front.slot_above(node) {
         NONE => {
             let location = paging.location(front, node);
             for location in model.way_to(location.number) {
@@ -172,12 +200,11 @@ fn last_moved(navigator: &Navigator, node: u32, leaf: u32) -> Result<u32, String
             }
             Some(location)
         }
-        parent => {
-            let slot = front.page_or_slot(parent);
+        slot => {
             let page = paging.page(slot);
             above.extend(paging.pool().ancestors(slot).iter().map(|page| Page::clone(page)));
             above.push(Page::clone(&page));
-            if page.number() == front.page_or_slot(node) {
+            if page.number() == page_number {
                 moved_within(&page, &mut index, leaf, &mut moved)?
             } else {
                 Some(paging.location(front, node))
@@ -233,8 +260,8 @@ fn check_usage(navigator: &Navigator) -> Result<(), String> {
     let (front, paging) = (navigator.front(), navigator.paging());
     let pool = paging.pool();
     let mut applied = vec![0; pool.slot_count()];
-    for node in front.nodes().filter(|node| !front.is_active(*node)) {
-        applied[front.page_or_slot(node) as usize] += 1;
+    for born in front.born() {
+        applied[front.slot(born) as usize] += 1;
     }
     for (slot, applied) in applied.into_iter().enumerate() {
         let slot = slot as u32;

@@ -24,7 +24,7 @@
 
 use metanode::page::Target;
 
-use crate::front::{Corner, Front, NONE, Prepared, State};
+use crate::front::{Corner, Front, NONE, Prepared};
 use crate::paging::Paging;
 
 /// How changes of the front depend on each other.
@@ -40,21 +40,17 @@ pub enum Dependency {
 /// When a corner was moved to the active node that it is at, by the id of the collapse that did, or later: the node's
 /// id, unless what is known of the kept children below it says more. (0: it never was moved.) Only pages in use are looked
 /// at, and no longer than it may be later than `enough`.
-pub fn last_moved(front: &Front, paging: &Paging, Corner { node, leaf }: Corner, enough: u32) -> u32 {
-    let mut moved = front.id(node);
-    let parent = front.parent(node);
-    if front.state(node) == State::Leaf {
-        return 0;
-    }
-    if parent == NONE || moved <= enough {
+fn last_moved(front: &Front, paging: &Paging, Corner { vertex, leaf }: Corner, enough: u32) -> u32 {
+    let mut moved = front.id(vertex);
+    let above = front.slot_above(vertex);
+    if above == NONE || moved <= enough {
         return moved;
     }
-    let slot = front.page_or_slot(parent);
-    if paging.page_number(slot) != front.page_or_slot(node) {
+    let (page, mut index) = front.place(vertex);
+    if paging.page_number(above) != page {
         return moved;
     }
-    let page = paging.page(slot);
-    let mut index = front.record(node);
+    let page = paging.page(above);
     // As many steps as there are records, whatever a damaged file says.
     for _ in 0..page.counts().records {
         let Some(record) = page.record(index) else { break };
@@ -71,32 +67,55 @@ pub fn last_moved(front: &Front, paging: &Paging, Corner { node, leaf }: Corner,
     moved
 }
 
-/// A node that has to be split before the split that was just prepared can be: one with a corner of a triangle that moves to
-/// the born child or is born, that was moved there after the node was made.
-pub fn blocking_node(front: &Front, paging: &Paging, prepared: &Prepared) -> Option<u32> {
-    let id = front.id(prepared.node());
-    let mut corners = front.around_moved(prepared).chain(front.thirds().iter().copied());
-    corners.find(|corner| last_moved(front, paging, *corner, id) > id).map(|corner| corner.node)
+/// Whether the corner of a triangle at a vertex was moved there after the collapse with this id.
+fn is_moved_after(front: &Front, paging: &Paging, vertex: u32, triangle: u32, id: u32) -> bool {
+    // Seldom is more to be known than the node's id.
+    front.id(vertex) > id && {
+        let leaf = front.leaf_at(vertex, triangle);
+        last_moved(front, paging, Corner { vertex, leaf }, id) > id
+    }
+}
+
+/// A vertex whose node has to be split before the split that was just prepared can be applied: one with a corner of a triangle
+/// that moves to the born child or is born, that was moved there after the node was made.
+pub fn blocking_vertex(front: &Front, paging: &Paging, prepared: &Prepared) -> Option<u32> {
+    let id = front.id(prepared.vertex());
+    // Of the triangles that have a corner there that moves to the born child; of all where no corner does.
+    let middle = if front.moves_any(prepared) { prepared.born_leaf() } else { 0 };
+    let moving = front.star(prepared.vertex()).filter(|entry| entry.leaf >= middle);
+    let mut around = moving.flat_map(|entry| front.others(entry).map(|vertex| (vertex, entry.triangle())));
+    let blocks = |(vertex, triangle): &(u32, u32)| is_moved_after(front, paging, *vertex, *triangle, id);
+    around.find(blocks).map(|(vertex, _)| vertex).or_else(|| {
+        let late = |corner: &&Corner| front.id(corner.vertex) > id && last_moved(front, paging, **corner, id) > id;
+        front.thirds().iter().find(late).map(|corner| corner.vertex)
+    })
 }
 
 /// Whether a corner at an active node was moved there when another corner of its triangle had moved on, so that the node has
 /// to be split. Of its triangles those count that have a corner at `other`, if there is one given.
-pub fn is_late(front: &Front, paging: &Paging, node: u32, other: Option<u32>) -> bool {
-    let id = front.id(node);
-    front.corners_around(node).any(|(leaf, others)| {
-        let counts = other.is_none_or(|other| others.iter().any(|corner| corner.node == other));
-        let moves_on = front.moved_by(others[0].node).min(front.moved_by(others[1].node));
-        counts && moves_on < id && last_moved(front, paging, Corner { node, leaf }, moves_on) > moves_on
+pub fn is_late(front: &Front, paging: &Paging, vertex: u32, other: Option<u32>) -> bool {
+    let id = front.id(vertex);
+    front.star(vertex).any(|entry| {
+        let others = front.others(entry);
+        let counts = other.is_none_or(|other| others.contains(&other));
+        let moves_on = front.moved_by(others[0]).min(front.moved_by(others[1]));
+        let corner = Corner { vertex, leaf: entry.leaf };
+        counts && moves_on < id && last_moved(front, paging, corner, moves_on) > moves_on
     })
 }
 
-/// Whether a node around its children keeps a collapsible node from being restored: one that had moved on by then, of a
-/// triangle that has a corner at the born child. (Where that has none but what vanishes, of any triangle around.)
-pub fn collapse_is_blocked(front: &Front, node: u32) -> bool {
-    let id = front.id(node);
-    let [kept, born] = front.children(node);
-    let moves_any = front.star(born).any(|others| !others.contains(&kept));
-    let around_kept = (!moves_any).then(|| front.star(kept)).into_iter().flatten();
-    let mut around = front.star(born).chain(around_kept).flatten();
-    around.any(|neighbour| front.moved_by(neighbour) < id && neighbour != kept && neighbour != born)
+/// Whether a vertex around its children keeps the split that bore `born` from being undone: one whose node had moved on by
+/// then, of a triangle that has a corner at the born child. (Where that has none but what vanishes, of any triangle around.)
+pub fn collapse_is_blocked(front: &Front, born: u32) -> bool {
+    let (id, kept) = (front.id_above(born), front.kept(born));
+    let blocks = |vertex: u32| vertex != kept && vertex != born && front.moved_by(vertex) < id;
+    let mut moves_any = false;
+    for entry in front.star(born) {
+        let others = front.others(entry);
+        moves_any |= !others.contains(&kept);
+        if others.into_iter().any(blocks) {
+            return true;
+        }
+    }
+    !moves_any && front.star(kept).flat_map(|entry| front.others(entry)).any(blocks)
 }

@@ -24,7 +24,9 @@ mod board;
 mod budget;
 pub mod camera;
 pub mod check;
+mod collapse_queue;
 mod dependency;
+mod evaluation;
 mod front;
 mod io_process;
 pub mod navigator;
@@ -32,8 +34,10 @@ mod paging;
 pub mod path;
 mod pool;
 mod refine;
+mod split_queue;
 pub mod statistics;
 pub mod view;
+mod window;
 
 #[cfg(test)]
 mod property_tests;

@@ -11,8 +11,8 @@
 //! full, the split is refused, and the threshold is raised a little for the next frame. It falls back while there is
 //! room, but as long as the camera stands still not to where it hit a limit, so that the picture comes to rest.
 
-use std::collections::BinaryHeap;
 use std::io;
+use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -20,6 +20,7 @@ use std::time::{Duration, Instant};
 use metanode::Statement;
 use metanode::header::ModelError;
 use metanode::model::Model;
+use metanode::page::NormalCone;
 use metanode::statement::{Drawn, is_proven, sum_not_below};
 use metanode::vanished::VanishedParts;
 use storage::usage::thread_cpu_time;
@@ -28,7 +29,11 @@ use thiserror::Error;
 use crate::budget::{self, Budget, BudgetError, SPARE_SLOTS};
 use crate::camera::{Camera, CameraError};
 use crate::dependency::{self, Dependency};
-use crate::front::{Front, Misfit, State};
+use crate::collapse_queue::CollapseQueue;
+use crate::front::{CHUNK, Front, Misfit, NONE};
+use crate::split_queue::SplitQueue;
+use crate::window::Window;
+use crate::evaluation::Test;
 use crate::io_process::Io;
 use crate::paging::Paging;
 use crate::pool::{HOLD_FRAMES, Hold, PoolCounters};
@@ -55,6 +60,8 @@ const KEEP_OFF: f32 = 1.05;
 const LEAST_RAISED_PIXELS: f32 = 0.01;
 /// How many frames in which pages found no room count as a limit, while the camera stands still.
 const STARVED_FRAMES: u32 = 2 * HOLD_FRAMES;
+/// Most triangles that a frame moves to gaps in their list.
+const GAPS_CLOSED: usize = 64;
 /// How long a navigator that is to settle waits for the I/O process at a time.
 const LONGEST_WAIT: Duration = Duration::from_millis(100);
 
@@ -191,8 +198,8 @@ pub struct Navigator {
     front: Front,
     paging: Paging,
     chain: Chain,
-    split_candidates: BinaryHeap<u64>,
-    collapse_candidates: BinaryHeap<u64>,
+    split_queue: SplitQueue,
+    collapse_queue: CollapseQueue,
     frame: u64,
     threshold_factor: f32,
     /// Whether the last frame changed nothing, missed nothing, and kept the threshold.
@@ -208,17 +215,6 @@ pub struct Navigator {
     /// The camera of the last frame that hit a limit, and the threshold's factor in it.
     limited_at: Option<(Camera, f32)>,
     pool_counters: PoolCounters,
-}
-
-/// The larger the error, the later; among equals, the larger number.
-fn split_key(error: f32, node: u32) -> u64 {
-    // The bits of floats that are not negative are in their order.
-    u64::from(error.to_bits()) << 32 | u64::from(node)
-}
-
-/// The smaller the id, the later.
-fn collapse_key(id: u32, node: u32) -> u64 {
-    !(u64::from(id) << 32 | u64::from(node))
 }
 
 impl Navigator {
@@ -237,7 +233,8 @@ impl Navigator {
             return Err(NavigatorError::Root { path: model.path().into(), root });
         }
         let budget = budget::plan(&model, options.memory)?;
-        let front = Front::new(model.roots(), leaf_count, budget.nodes, budget.triangles, budget.born_triangles);
+        let front = Front::new(model.roots(), leaf_count, budget.front);
+        let vertices = front.capacity().vertices;
         let paging = Paging::start(model.clone(), budget.slots, options.io, options.prefetch, options.second_chance)?;
         Ok(Navigator {
             model,
@@ -246,8 +243,8 @@ impl Navigator {
             front,
             paging,
             chain: Chain::new(),
-            split_candidates: BinaryHeap::with_capacity(budget.split_candidates),
-            collapse_candidates: BinaryHeap::with_capacity(budget.collapse_candidates),
+            split_queue: SplitQueue::new(vertices),
+            collapse_queue: CollapseQueue::new(vertices),
             frame: 0,
             threshold_factor: 1.0,
             is_at_rest: false,
@@ -288,10 +285,11 @@ impl Navigator {
         self.collapse(&view, threshold, &mut statistics);
         self.split(&view, threshold, &mut statistics)?;
         self.check_failure()?;
+        self.front.close_gaps(GAPS_CLOSED);
 
         statistics.requests = statistics.splits + statistics.collapses + statistics.misses;
         statistics.triangles = self.front.triangle_count() as u64;
-        statistics.vertices = self.front.active_count() as u64;
+        statistics.vertices = self.front.vertex_count() as u64;
         statistics.pages_in_use = self.paging.pool().in_use() as u64;
         let counters = self.paging.pool().counters();
         statistics.set_pool_counters(self.pool_counters, counters);
@@ -354,17 +352,17 @@ impl Navigator {
 
     /// Number of active nodes, that is of vertices.
     pub fn active_count(&self) -> usize {
-        self.front.active_count()
+        self.front.vertex_count()
     }
 
     /// The numbers of active nodes are below this.
     pub fn node_bound(&self) -> u32 {
-        self.front.node_bound()
+        self.front.vertex_bound()
     }
 
     /// The vertices of the drawn mesh; also roots that no triangle is left of.
     pub fn active_nodes(&self) -> impl Iterator<Item = ActiveNode> + '_ {
-        self.front.nodes().filter(|node| self.front.is_active(*node)).map(|node| {
+        self.front.vertices().map(|node| {
             let sphere = self.front.sphere(node);
             let (leaf, end_leaf) = self.front.interval(node);
             ActiveNode {
@@ -380,22 +378,49 @@ impl Navigator {
 
     /// The triangles of the drawn mesh.
     pub fn triangles(&self) -> impl Iterator<Item = ActiveTriangle> + '_ {
-        self.front.triangles().map(|(source, nodes)| ActiveTriangle {
+        self.front.triangles().map(|(triangle, nodes)| ActiveTriangle {
             nodes,
             leaves: nodes.map(|node| self.front.interval(node).0),
             positions: nodes.map(|node| self.front.sphere(node).position),
-            source,
+            source: nodes.map(|node| self.front.leaf_at(node, triangle)),
         })
+    }
+
+    /// Where the vertices stand, by their numbers: x, y, z in mesh units relative to the model's origin, and the bits of the
+    /// word of the normal ([`metanode::page::Normal`]). What stands at a number that no vertex has is to be ignored. A renderer
+    /// keeps a copy: after a frame, what is different is told by [`Navigator::changed_vertices`].
+    pub fn vertex_stream(&self) -> &[[f32; 4]] {
+        self.front.positions()
+    }
+
+    /// The corners of the triangles as numbers of vertices. In places where there is no triangle they are the same three times,
+    /// so that nothing is drawn there. What is different after a frame is told by [`Navigator::changed_triangles`].
+    pub fn triangle_stream(&self) -> &[[u32; 3]] {
+        self.front.corners()
+    }
+
+    /// The numbers of the vertices that are new since [`Navigator::forget_changes`], as ranges in rising order; two that have at
+    /// most `gap` others between them as one.
+    pub fn changed_vertices(&self, gap: u32) -> impl Iterator<Item = Range<u32>> + '_ {
+        self.front.changes().0.ranges(gap)
+    }
+
+    /// The same for the places of the triangles that changed. Those behind the end of the stream are gone.
+    pub fn changed_triangles(&self, gap: u32) -> impl Iterator<Item = Range<u32>> + '_ {
+        self.front.changes().1.ranges(gap)
+    }
+
+    /// The streams were copied: from now on, changes are new ones.
+    pub fn forget_changes(&mut self) {
+        self.front.clear_changes();
     }
 
     /// The splits that are applied, in no particular order: one for each active node that is no root. Their meta-nodes
     /// are those in use.
     pub fn applied_splits(&self) -> impl Iterator<Item = AppliedSplit> + '_ {
-        let applied = |node: &u32| matches!(self.front.state(*node), State::Split | State::Collapsible);
-        self.front.nodes().filter(applied).map(|node| {
-            let [_, born] = self.front.children(node);
-            let page = self.paging.page_number(self.front.page_or_slot(node));
-            AppliedSplit { born_leaf: self.front.interval(born).0, page }
+        self.front.born().map(|born| AppliedSplit {
+            born_leaf: self.front.interval(born).0,
+            page: self.paging.page_number(self.front.slot(born)),
         })
     }
 
@@ -406,12 +431,12 @@ impl Navigator {
         let roots = self.model.roots().iter().enumerate();
         let mut vanished = VanishedParts::new(roots.filter(|(tree, _)| !is_drawn(*tree)).map(|(_, root)| root));
         let mut largest_switch = 0.0_f32;
-        for node in self.front.nodes().filter(|node| self.front.is_active(*node)) {
-            let sphere = self.front.sphere(node);
-            if self.front.star(node).next().is_some() {
+        for vertex in self.front.vertices() {
+            let sphere = self.front.sphere(vertex);
+            if !self.front.is_bare(vertex) {
                 vanished.pass(sphere.position);
             }
-            if sphere.switch > largest_switch && is_drawn(self.front.tree_of(self.front.interval(node).0)) {
+            if sphere.switch > largest_switch && is_drawn(self.front.tree_of(self.front.interval(vertex).0)) {
                 largest_switch = sphere.switch;
             }
         }
@@ -451,63 +476,52 @@ impl Navigator {
 
     /// Collects what is to be split and what to be collapsed; true if a collapse has to wait for a later frame.
     fn evaluate(&mut self, view: &View, threshold: f32) -> bool {
+        let (for_split, for_collapse) = tests(view, threshold);
+        let (split_queue, collapse_queue) = (&mut self.split_queue, &mut self.collapse_queue);
+        split_queue.clear();
+        collapse_queue.clear();
+        let front = &self.front;
         let mut waits = false;
-        let (for_split, for_collapse) = (view.against(threshold), view.against(threshold / HYSTERESIS));
-        let mut splits = std::mem::take(&mut self.split_candidates).into_vec();
-        let mut collapses = std::mem::take(&mut self.collapse_candidates).into_vec();
-        splits.clear();
-        collapses.clear();
-        for (node, (state, sphere)) in self.front.evaluation_stream().enumerate() {
-            let node = node as u32;
-            match state {
-                State::Active => {
-                    if let Some(error) = for_split.exceeded(sphere) {
-                        splits.push(split_key(error, node));
-                    }
-                }
-                State::Collapsible => {
-                    if !for_collapse.is_exceeded(sphere) {
-                        if self.front.collapse_is_deferred(node, self.patience_clock, PATIENCE) {
-                            waits = true;
-                        } else {
-                            collapses.push(collapse_key(self.front.id(node), node));
-                        }
-                    }
-                }
-                State::Free | State::Leaf | State::Split => (),
+        for (first, (positions, of_split, of_collapse)) in (0_u32..).step_by(CHUNK).zip(front.blocks()) {
+            for place in bits(for_split.exceeding(positions, of_split)) {
+                let error = view.pixel_error(&front.sphere(first + place));
+                split_queue.push(first + place, error / threshold);
+            }
+            for place in bits(!for_collapse.exceeding(positions, of_collapse)) {
+                let born = front.last_born(first + place);
+                waits |= front.collapse_is_deferred(born, self.patience_clock, PATIENCE)
+                    || !collapse_queue.add(front.id_above(born), born);
             }
         }
-        self.split_candidates = splits.into();
-        self.collapse_candidates = collapses.into();
+        collapse_queue.sort();
         waits
     }
 
     fn collapse(&mut self, view: &View, threshold: f32, statistics: &mut FrameStatistics) {
-        let for_collapse = view.against(threshold / HYSTERESIS);
-        while let Some(key) = self.collapse_candidates.pop() {
-            let node = !key as u32;
-            if self.options.dependency == Dependency::Implicit && dependency::collapse_is_blocked(&self.front, node) {
+        let (_, for_collapse) = tests(view, threshold);
+        let is_implicit = self.options.dependency == Dependency::Implicit;
+        let front = &mut self.front;
+        while let Some(born) = self.collapse_queue.next(|born, step| front.prefetch_for_collapse(born, step)) {
+            if is_implicit && dependency::collapse_is_blocked(front, born) {
                 statistics.blocked += 1;
                 continue;
             }
-            let slot = self.front.page_or_slot(node);
-            self.front.collapse(node, self.paging.page_number(slot));
+            let (slot, kept) = (front.slot(born), front.kept(born));
+            front.collapse(born, self.paging.page_number(slot));
             self.paging.end_use(slot, Hold::End);
             statistics.collapses += 1;
-            let parent = self.front.parent(node);
-            let follows =
-                self.front.state(parent) == State::Collapsible && !for_collapse.is_exceeded(self.front.sphere(parent));
-            if follows {
-                self.collapse_candidates.push(collapse_key(self.front.id(parent), parent));
+            let above = front.split_above(kept);
+            if above != NONE && front.is_collapsible(above) && !for_collapse.is_exceeded(&front.sphere_above(above)) {
+                self.collapse_queue.follow(front.id_above(above), above);
             }
         }
     }
 
     fn split(&mut self, view: &View, threshold: f32, statistics: &mut FrameStatistics) -> Result<(), NavigatorError> {
-        let for_split = view.against(threshold);
+        let (for_split, _) = tests(view, threshold);
         let triangle_limit = self.triangle_limit();
-        let candidates = &mut self.split_candidates;
-        let most_candidates = self.budget.split_candidates;
+        let queue = &mut self.split_queue;
+        let mut window = Window::default();
         let mut refiner = Refiner {
             front: &mut self.front,
             paging: &mut self.paging,
@@ -516,22 +530,26 @@ impl Navigator {
             triangle_limit,
             now: self.patience_clock,
         };
-        while let Some(key) = candidates.pop() {
-            let node = key as u32;
+        while let Some(vertex) =
+            window.next(|| queue.pop(), |vertex, step| refiner.front.prefetch_for_split(vertex, step))
+        {
             // Forced before, or undone since.
-            let is_wish =
-                refiner.front.state(node) == State::Active && for_split.is_exceeded(refiner.front.sphere(node));
+            let is_wish = refiner.front.is_vertex(vertex)
+                && !refiner.front.is_leaf(vertex)
+                && for_split.is_exceeded(&refiner.front.sphere(vertex));
             if !is_wish {
                 continue;
             }
-            let refinement = refiner.split(node, |front, parent| {
-                for child in front.children(parent) {
-                    let is_candidate = front.state(child) == State::Active && candidates.len() < most_candidates;
-                    if is_candidate && let Some(error) = for_split.exceeded(front.sphere(child)) {
-                        candidates.push(split_key(error, child));
+            let refinement = refiner.split(vertex)?;
+            for born in refiner.born() {
+                let front = &refiner.front;
+                for child in [front.kept(born), born].into_iter().filter(|child| !front.is_leaf(*child)) {
+                    let error = view.pixel_error(&front.sphere(child));
+                    if error > threshold {
+                        queue.push(child, error / threshold);
                     }
                 }
-            })?;
+            }
             statistics.splits += refinement.splits;
             statistics.forced += refinement.forced;
             match refinement.outcome {
@@ -544,7 +562,7 @@ impl Navigator {
                 Outcome::PoolFull => statistics.over_budget += 1,
                 Outcome::FrontFull => {
                     // It is full for the others too.
-                    statistics.over_budget += 1 + candidates.len() as u64;
+                    statistics.over_budget += 1 + queue.len() as u64;
                     break;
                 }
             }
@@ -555,7 +573,7 @@ impl Navigator {
     /// Most triangles to be drawn, by the options and by the room there is.
     fn triangle_limit(&self) -> usize {
         let asked = self.options.max_triangles.map(|limit| usize::try_from(limit).unwrap_or(usize::MAX));
-        asked.unwrap_or(usize::MAX).min(self.front.triangle_capacity())
+        asked.unwrap_or(usize::MAX).min(self.front.capacity().triangles)
     }
 
     /// Whether the camera has stood still while, in frame after frame, pages found no room: each of the nodes that want
@@ -601,20 +619,42 @@ impl Navigator {
         let part = |used: usize, limit: usize, whole: usize| {
             if limit >= whole { 0.0 } else { used as f64 / limit.max(1) as f64 }
         };
-        let nodes = header.leaf_count as usize + header.split_count as usize;
         // One place holder is never needed.
         let (slots, pages) = (self.budget.slots - 1, header.page_count as usize + SPARE_SLOTS - 1);
-        part(self.front.node_count(), self.front.node_capacity(), nodes)
+        let capacity = self.front.capacity();
+        part(self.front.vertex_count(), capacity.vertices, header.leaf_count as usize)
+            .max(part(self.front.line_count(), capacity.lines, usize::MAX))
             .max(part(self.front.triangle_count(), self.triangle_limit(), header.triangle_count as usize))
             .max(part(self.paging.pool().needed(), slots, pages))
     }
 
     /// Largest switch value of the active nodes that can be in the picture.
     fn error_in(&self, view: &View) -> f32 {
-        let larger = |largest: f32, (state, sphere): (State, &Sphere)| {
-            let counts = state == State::Active && sphere.switch > largest && view.can_see(sphere);
-            if counts { sphere.switch } else { largest }
-        };
-        self.front.evaluation_stream().fold(0.0, larger)
+        let mut largest = 0.0;
+        for (positions, criteria, _) in self.front.blocks() {
+            for ([x, y, z, _], place) in positions.iter().zip(0..) {
+                let switch = criteria.switch[place];
+                let cone = NormalCone::from_word(criteria.cone[place]);
+                let sphere = Sphere { position: [*x, *y, *z], radius: criteria.radius[place], switch, cone };
+                if switch > largest && view.can_see(&sphere) {
+                    largest = switch;
+                }
+            }
+        }
+        largest
     }
+}
+
+/// The tests for splits and for collapses.
+fn tests(view: &View, threshold: f32) -> (Test, Test) {
+    (Test { view: *view, threshold }, Test { view: *view, threshold: threshold / HYSTERESIS })
+}
+
+/// The places of the bits that are set.
+fn bits(mut mask: u64) -> impl Iterator<Item = u32> {
+    std::iter::from_fn(move || {
+        let place = (mask != 0).then(|| mask.trailing_zeros())?;
+        mask &= mask - 1;
+        Some(place)
+    })
 }

@@ -80,24 +80,24 @@ impl Paging {
         self.page_of_slot[slot as usize]
     }
 
-    /// Counts the use of the page that the split of an active node is in. A missing page is asked for urgently.
-    pub fn begin_use(&mut self, front: &Front, node: u32) -> Use {
-        let page = front.page_or_slot(node);
-        let parent = front.parent(node);
-        if parent != NONE {
+    /// Counts the use of the page that the split of the active node at a vertex is in. A missing page is asked for urgently.
+    pub fn begin_use(&mut self, front: &Front, vertex: u32) -> Use {
+        let (page, _) = front.place(vertex);
+        let above = front.slot_above(vertex);
+        if above != NONE {
             // Most often the parent's split is in the same page, which is therefore in use.
-            let slot = front.page_or_slot(parent);
+            let slot = above;
             if self.page_of_slot[slot as usize] == page {
                 self.pool.use_again(slot);
                 return Use::Granted { slot };
             }
         }
         // The parent's page is in use, and its ancestors are there. Who has no parent may have to have them brought in.
-        let way = if parent == NONE { self.model.way_to(page) } else { Vec::new() };
+        let way = if above == NONE { self.model.way_to(page) } else { Vec::new() };
         let mut found = self.pool.use_page(page, &way);
         if found == Use::Missing {
-            let above = (parent != NONE).then(|| self.page_of_slot[front.page_or_slot(parent) as usize]);
-            let request = Request { location: self.location(front, node), parent: above };
+            let parent = (above != NONE).then(|| self.page_of_slot[above as usize]);
+            let request = Request { location: self.location(front, vertex), parent };
             self.board.post_urgent(request);
             if self.run_inline() {
                 found = self.pool.use_page(page, &way);
@@ -145,14 +145,14 @@ impl Paging {
         NavigatorError::Misfit { path: self.model.path().into(), page, source }
     }
 
-    /// Where the page lies that the split of an active node is in.
-    pub fn location(&self, front: &Front, node: u32) -> PageLocation {
-        match front.parent(node) {
-            // The roots are the first nodes of the front, in their order.
-            NONE => self.model.roots()[node as usize].page,
-            parent => {
-                let page = self.pool.page(front.page_or_slot(parent));
-                let child = front.page_or_slot(node).wrapping_sub(page.child_location(0).number);
+    /// Where the page lies that the split of the active node at a vertex is in.
+    pub fn location(&self, front: &Front, vertex: u32) -> PageLocation {
+        match front.slot_above(vertex) {
+            // The roots are the first vertices of the front, in their order.
+            NONE => self.model.roots()[vertex as usize].page,
+            above => {
+                let page = self.pool.page(above);
+                let child = front.place(vertex).0.wrapping_sub(page.child_location(0).number);
                 page.child_location(child as usize)
             }
         }

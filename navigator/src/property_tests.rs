@@ -383,7 +383,7 @@ fn the_empty_model_has_frames() {
 fn a_flight_is_the_same_each_time() {
     let tree = testing::grid_tree(40, 40, 9);
     let model = testing::model_of(&tree);
-    let memory = smallest_memory(&model) + 45_000;
+    let memory = smallest_memory(&model) + 20_000;
     let fly = || {
         let mut navigator = Navigator::open(model.clone(), NavigatorOptions { memory, ..options() }).unwrap();
         let cameras = "flyby:60".parse::<crate::PathSpec>().unwrap().cameras(&MemoryDisk::new(), &model).unwrap();

@@ -14,7 +14,7 @@
 //!   held.
 
 use crate::dependency::{self, Dependency};
-use crate::front::Front;
+use crate::front::{Front, Prepared};
 use crate::navigator::NavigatorError;
 use crate::paging::Paging;
 use crate::pool::{Hold, Use};
@@ -28,7 +28,7 @@ const LOG_LIMIT: usize = 8192;
 /// How many frames what was split for a node waits for a page that is missing.
 pub const PATIENCE: u16 = 4;
 /// Bytes that the chain takes.
-pub const CHAIN_BYTES: usize = (STACK_LIMIT + 2) * size_of::<Link>() + LOG_LIMIT * size_of::<u32>();
+pub const CHAIN_BYTES: usize = (STACK_LIMIT + 2) * size_of::<Link>() + LOG_LIMIT * size_of::<Done>();
 
 /// What became of a wish to split a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -58,16 +58,25 @@ pub struct Refinement {
 
 #[derive(Debug, Clone, Copy)]
 struct Link {
-    node: u32,
+    vertex: u32,
+    /// That of the node at the vertex: once that node is split there is another one.
+    id: u32,
     /// Whether it is a child that has to follow its parent's split: before that, the front is not as it must be.
     follows: bool,
+}
+
+/// A split that was applied.
+#[derive(Debug, Clone, Copy)]
+struct Done {
+    born: u32,
+    is_wish: bool,
 }
 
 /// The stack of nodes to be split, and the log of the splits that may have to be undone.
 #[derive(Debug)]
 pub struct Chain {
     stack: Vec<Link>,
-    log: Vec<u32>,
+    log: Vec<Done>,
 }
 
 impl Chain {
@@ -97,19 +106,23 @@ pub struct Refiner<'a> {
 
 /// What became of the topmost node of the stack.
 enum Step {
-    Applied,
-    /// This node has to be split before.
+    Applied {
+        /// The vertex that was born.
+        born: u32,
+    },
+    /// The node at this vertex has to be split before.
     After(u32),
     Impossible(Outcome),
 }
 
 impl Refiner<'_> {
-    /// Splits the active node `wish`, and before it what has to be. `applied` is told of every node that was split; it
-    /// may be undone again.
-    pub fn split(&mut self, wish: u32, mut applied: impl FnMut(&Front, u32)) -> Result<Refinement, NavigatorError> {
+    /// Splits the active node at the vertex `wish`, and before it what has to be. What was applied in the end, [`Refiner::born`]
+    /// tells.
+    pub fn split(&mut self, wish: u32) -> Result<Refinement, NavigatorError> {
+        let wish = Link { vertex: wish, id: self.front.id(wish), follows: false };
         self.chain.stack.clear();
         self.chain.log.clear();
-        self.chain.stack.push(Link { node: wish, follows: false });
+        self.chain.stack.push(wish);
         let mut done = Refinement { outcome: Outcome::Split, splits: 0, forced: 0 };
         let mut is_cut = false;
         loop {
@@ -119,21 +132,21 @@ impl Refiner<'_> {
                 }
                 // The end of a long chain is done: once more from its beginning.
                 is_cut = false;
-                self.chain.stack.push(Link { node: wish, follows: false });
+                self.chain.stack.push(wish);
                 continue;
             };
-            if !self.front.is_active(link.node) {
+            if self.front.id(link.vertex) != link.id {
                 self.chain.stack.pop();
                 continue;
             }
-            let step = if self.is_too_long() { Ok(Step::Impossible(Outcome::Blocked)) } else { self.step(link.node) };
+            let step = if self.is_too_long() { Ok(Step::Impossible(Outcome::Blocked)) } else { self.step(link.vertex) };
             match step {
-                Ok(Step::Applied) => {
-                    applied(self.front, link.node);
+                Ok(Step::Applied { born }) => {
                     done.splits += 1;
-                    done.forced += u64::from(link.node != wish);
+                    done.forced += u64::from(link.id != wish.id || link.vertex != wish.vertex);
+                    self.chain.log.push(Done { born, is_wish: link.id == wish.id && link.vertex == wish.vertex });
                     if self.dependency == Dependency::Implicit {
-                        self.follow_up(link.node);
+                        self.follow_up([link.vertex, born]);
                     } else {
                         self.chain.stack.pop();
                     }
@@ -143,26 +156,32 @@ impl Refiner<'_> {
                         self.chain.stack.retain(|link| link.follows);
                         is_cut = true;
                     }
-                    self.chain.stack.push(Link { node: neighbour, follows: false });
+                    let id = self.front.id(neighbour);
+                    self.chain.stack.push(Link { vertex: neighbour, id, follows: false });
                 }
                 Ok(Step::Impossible(outcome)) => {
                     if outcome != Outcome::Missing {
-                        self.undo(wish, &mut done, Hold::Keep);
+                        self.undo(&mut done, Hold::Keep);
                     } else if self.chain.stack.iter().any(|link| link.follows) {
-                        self.undo(wish, &mut done, Hold::Renew);
+                        self.undo(&mut done, Hold::Renew);
                     } else {
                         let until = self.now.wrapping_add(PATIENCE);
-                        self.chain.log.iter().for_each(|node| self.front.defer_collapse(*node, until));
+                        self.chain.log.iter().for_each(|split| self.front.defer_collapse(split.born, until));
                     }
                     done.outcome = outcome;
                     return Ok(done);
                 }
                 Err(error) => {
-                    self.undo(wish, &mut done, Hold::Keep);
+                    self.undo(&mut done, Hold::Keep);
                     return Err(error);
                 }
             }
         }
+    }
+
+    /// The vertices that the splits applied for the last wish bore; of a very long chain only the last ones.
+    pub fn born(&self) -> impl Iterator<Item = u32> + '_ {
+        self.chain.log.iter().map(|split| split.born)
     }
 
     /// Whether nothing more fits into the chain because too many children have to follow.
@@ -177,16 +196,15 @@ impl Refiner<'_> {
         stack.len() >= STACK_LIMIT
     }
 
-    /// Applies the split of a node, if nothing is in its way.
-    fn step(&mut self, node: u32) -> Result<Step, NavigatorError> {
-        let implicit = self.dependency == Dependency::Implicit;
-        let slot = match self.paging.begin_use(self.front, node) {
+    /// Applies the split of the node at a vertex, if nothing is in its way.
+    fn step(&mut self, vertex: u32) -> Result<Step, NavigatorError> {
+        let slot = match self.paging.begin_use(self.front, vertex) {
             Use::Granted { slot } => slot,
             Use::Missing => return Ok(Step::Impossible(Outcome::Missing)),
             Use::Refused => return Ok(Step::Impossible(Outcome::PoolFull)),
         };
         let page = self.paging.page(slot);
-        let prepared = match self.front.prepare(node, &page) {
+        let prepared = match self.front.prepare(vertex, &page) {
             Ok(prepared) => prepared,
             Err(source) => {
                 let number = page.number();
@@ -195,49 +213,51 @@ impl Refiner<'_> {
                 return Err(self.paging.misfit(number, source));
             }
         };
-        let refused = if implicit && let Some(other) = dependency::blocking_node(self.front, self.paging, &prepared) {
-            Some(Step::After(other))
-        } else {
-            let born = self.front.thirds().len();
-            let fits = self.front.has_room(born) && self.front.triangle_count() + born <= self.triangle_limit;
-            (!fits).then_some(Step::Impossible(Outcome::FrontFull))
-        };
-        if let Some(refused) = refused {
+        if let Some(refused) = self.refusal(&prepared) {
             drop(page);
             self.paging.cancel_use(slot);
             return Ok(refused);
         }
-        self.front.split(&prepared, &page, slot);
+        let born = self.front.split(&prepared, &page, slot);
         drop(page);
         self.paging.confirm_use(slot);
-        Ok(Step::Applied)
+        Ok(Step::Applied { born })
     }
 
-    /// After the split of the topmost node: logs it, takes it off the stack, and puts its children there if they have
-    /// to follow.
-    fn follow_up(&mut self, node: u32) {
-        let Chain { stack, log } = &mut self.chain;
-        log.push(node);
+    /// What keeps a prepared split from being applied.
+    fn refusal(&self, prepared: &Prepared) -> Option<Step> {
+        if self.dependency == Dependency::Implicit
+            && let Some(other) = dependency::blocking_vertex(self.front, self.paging, prepared)
+        {
+            return Some(Step::After(other));
+        }
+        let born = self.front.thirds().len();
+        let fits = self.front.has_room(born) && self.front.triangle_count() + born <= self.triangle_limit;
+        (!fits).then_some(Step::Impossible(Outcome::FrontFull))
+    }
+
+    /// After the split of the topmost node: takes it off the stack, and puts its children there if they have to follow.
+    fn follow_up(&mut self, [kept, born]: [u32; 2]) {
+        let stack = &mut self.chain.stack;
         // While a child is still to follow, so may be the children of any node: what it is too late for may be
         // anywhere around them. Else only the new triangles matter.
         let look_around = stack.iter().any(|link| link.follows);
         stack.pop();
-        let [kept, born] = self.front.children(node);
         for (child, other) in [(kept, born), (born, kept)] {
             if dependency::is_late(self.front, self.paging, child, (!look_around).then_some(other)) {
-                stack.push(Link { node: child, follows: true });
+                stack.push(Link { vertex: child, id: self.front.id(child), follows: true });
             }
         }
     }
 
     /// Undoes the splits in the log.
-    fn undo(&mut self, wish: u32, done: &mut Refinement, hold: Hold) {
-        while let Some(node) = self.chain.log.pop() {
-            let slot = self.front.page_or_slot(node);
-            self.front.collapse(node, self.paging.page_number(slot));
+    fn undo(&mut self, done: &mut Refinement, hold: Hold) {
+        while let Some(Done { born, is_wish }) = self.chain.log.pop() {
+            let slot = self.front.slot(born);
+            self.front.collapse(born, self.paging.page_number(slot));
             self.paging.end_use(slot, hold);
             done.splits -= 1;
-            done.forced -= u64::from(node != wish);
+            done.forced -= u64::from(!is_wish);
         }
     }
 }

@@ -22,6 +22,7 @@
 //! | [`random_file`] | a scratch file that is read and written at any place |
 //! | [`record_file`] | fixed-size records on disk by number, with the pages in use in RAM |
 //! | [`edge_tree`] | the B-tree of edges on disk: one trait, redb and sled behind it |
+//! | [`prefetch`] | large lists in RAM: fetching ahead, large memory pages |
 //! | [`usage`] | what the operating system says of this process: peak RAM, CPU time |
 
 pub mod atomic_file;
@@ -36,6 +37,7 @@ pub mod guarded_extsort;
 pub mod memory_disk;
 mod merge;
 pub mod paged_array;
+pub mod prefetch;
 pub mod random_file;
 pub mod record_file;
 pub mod scatter;

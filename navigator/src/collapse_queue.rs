@@ -1,0 +1,108 @@
+//! The splits to be undone, in the order of rising ids: so every collapse finds done what it depends on (the paper, 3.3.5).
+//!
+//! Those that the evaluation of a frame found are sorted once. Those that follow, because both children became active, have
+//! larger ids than what they follow, and go to a heap beside them.
+//!
+//! Memory: 8 bytes for each. There is room for so many found and so many that follow; more wait for the next frame.
+
+use std::collections::BinaryHeap;
+
+use crate::window::Window;
+
+/// The most collapses that a frame finds, and the most that follow.
+const MOST: usize = 1 << 15;
+
+/// The queue. A split is named by the vertex that it bore.
+#[derive(Debug)]
+pub struct CollapseQueue {
+    found: Vec<u64>,
+    /// How many of those found went into the window.
+    begun: usize,
+    window: Window,
+    /// The first of those found that is not done yet.
+    head: Option<u64>,
+    follows: BinaryHeap<std::cmp::Reverse<u64>>,
+    most: usize,
+}
+
+fn key(id: u32, born: u32) -> u64 {
+    u64::from(id) << 32 | u64::from(born)
+}
+
+impl CollapseQueue {
+    /// An empty queue, for a front with so many vertices.
+    pub fn new(vertices: usize) -> Self {
+        let most = Self::room(vertices);
+        CollapseQueue {
+            found: Vec::with_capacity(most),
+            begun: 0,
+            window: Window::default(),
+            head: None,
+            follows: BinaryHeap::with_capacity(most),
+            most,
+        }
+    }
+
+    /// Room for a front with so many vertices.
+    fn room(vertices: usize) -> usize {
+        (vertices / 2 + 1).min(MOST)
+    }
+
+    /// Bytes for such a front.
+    pub fn bytes(vertices: usize) -> usize {
+        2 * Self::room(vertices) * size_of::<u64>()
+    }
+
+    /// Empties it, for a new frame.
+    pub fn clear(&mut self) {
+        self.found.clear();
+        self.follows.clear();
+        (self.begun, self.window, self.head) = (0, Window::default(), None);
+    }
+
+    /// Adds a split to be undone, whose node has this id. False where there are too many.
+    pub fn add(&mut self, id: u32, born: u32) -> bool {
+        let fits = self.found.len() < self.most;
+        if fits {
+            self.found.push(key(id, born));
+        }
+        fits
+    }
+
+    /// All are added.
+    pub fn sort(&mut self) {
+        self.found.sort_unstable();
+    }
+
+    /// Adds one that follows the one taken last. False where there are too many.
+    pub fn follow(&mut self, id: u32, born: u32) -> bool {
+        let fits = self.follows.len() < self.most;
+        if fits {
+            self.follows.push(std::cmp::Reverse(key(id, born)));
+        }
+        fits
+    }
+
+    /// The next one. `fetch` makes a step towards it, see [`Window`].
+    #[inline]
+    pub fn next(&mut self, fetch: impl FnMut(u32, usize)) -> Option<u32> {
+        if self.head.is_none() {
+            let (found, begun) = (&self.found, &mut self.begun);
+            let more = || {
+                let index = *begun;
+                *begun += 1;
+                found.get(index).map(|_| index as u32)
+            };
+            let mut fetch = fetch;
+            let next = self.window.next(more, |index, step| fetch(found[index as usize] as u32, step));
+            self.head = next.map(|index| self.found[index as usize]);
+        }
+        let follows = self.follows.peek().map(|key| key.0);
+        let is_first = match (self.head, follows) {
+            (Some(head), Some(follows)) => head <= follows,
+            (head, _) => head.is_some(),
+        };
+        let key = if is_first { self.head.take() } else { self.follows.pop().map(|key| key.0) };
+        key.map(|key| key as u32)
+    }
+}

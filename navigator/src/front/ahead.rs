@@ -1,0 +1,84 @@
+//! What of the front a split or a collapse will look at, fetched ahead in steps: each step looks at what the one before
+//! fetched. With some other changes made in between, nothing waits for memory (`facts/front.md`: twice as fast).
+//!
+//! Stars beyond their first line are left out.
+
+use storage::prefetch::prefetch;
+use super::{CHUNK, Front, NONE};
+
+impl Front {
+    /// A step towards the split of the node at a vertex.
+    #[inline]
+    pub fn prefetch_for_split(&self, vertex: u32, step: usize) {
+        match step {
+            0 => {
+                prefetch(&self.links, vertex as usize);
+                prefetch(&self.spans, vertex as usize);
+                prefetch(&self.births, vertex as usize);
+            }
+            1 => {
+                self.stars.prefetch(self.links[vertex as usize].star);
+                self.prefetch_criteria(vertex);
+            }
+            2 => self.prefetch_triangles(vertex),
+            _ => self.prefetch_ring(vertex),
+        }
+    }
+
+    /// A step towards the collapse into a vertex: that of the split that bore a vertex last.
+    #[inline]
+    pub fn prefetch_for_collapse(&self, born: u32, step: usize) {
+        match step {
+            0 => {
+                prefetch(&self.links, born as usize);
+                prefetch(&self.spans, born as usize);
+                prefetch(&self.births, born as usize);
+                self.prefetch_criteria(born);
+            }
+            1 => {
+                let kept = self.births[born as usize].kept;
+                if kept != NONE {
+                    prefetch(&self.links, kept as usize);
+                    prefetch(&self.spans, kept as usize);
+                    self.prefetch_criteria(kept);
+                }
+                self.stars.prefetch(self.links[born as usize].star);
+            }
+            2 => {
+                let kept = self.births[born as usize].kept;
+                if kept != NONE {
+                    self.stars.prefetch(self.links[kept as usize].star);
+                }
+                self.prefetch_triangles(born);
+            }
+            _ => self.prefetch_ring(born),
+        }
+    }
+
+    /// The parts of a vertex's criteria: two cache lines apart by what they are of.
+    fn prefetch_criteria(&self, vertex: u32) {
+        let (chunk, place) = (vertex as usize / CHUNK, vertex as usize % CHUNK);
+        for criteria in [&self.split_criteria, &self.collapse_criteria] {
+            if let Some(criteria) = criteria.get(chunk) {
+                prefetch(&criteria.radius, place);
+                prefetch(&criteria.switch, place);
+                prefetch(&criteria.cone, place);
+            }
+        }
+    }
+
+    fn prefetch_triangles(&self, vertex: u32) {
+        for corner in self.stars.first_corners(self.links[vertex as usize].star) {
+            self.triangles.prefetch(corner >> 2);
+        }
+    }
+
+    fn prefetch_ring(&self, vertex: u32) {
+        for corner in self.stars.first_corners(self.links[vertex as usize].star) {
+            let corners = self.triangles.list().get((corner >> 2) as usize).copied().unwrap_or_default();
+            let next = corners[super::NEXT[(corner & 3) as usize]] as usize;
+            prefetch(&self.spans, next);
+            prefetch(&self.links, next);
+        }
+    }
+}

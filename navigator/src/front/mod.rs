@@ -1,0 +1,559 @@
+//! The active front (the paper, 3.3.1): the lists of active nodes and of active triangles, with the splits that are
+//! applied above them, and the two exact inverses that change them, split and collapse.
+//!
+//! # Vertices
+//!
+//! A node has the position of its first leaf, and so has its kept child. So a *vertex* of the front stands for a leaf whose
+//! position is drawn: it is there from the split that bears that leaf until that split is undone, while the active node at it
+//! goes from a node to its kept child with every split, and back. So there is one vertex for each active node; and one for each
+//! applied split, the one that it bore, but for the roots', which no split bears. What is known of both is kept by the number of
+//! the vertex; split nodes need no place of their own:
+//!
+//! - of the active node, its leaf interval, ids, where its split is recorded, its star ([`stars`]), and what decides whether it
+//!   is to be split;
+//! - of the *birth*, the split that bore the vertex: the vertex that it was born from (`kept`), the place holder of its record,
+//!   and what the split node is when it is restored;
+//! - the vertex born `last` from this one, and the one born from the same vertex `previous`ly. So the splits that were applied at
+//!   a vertex form a stack. The one on top can be undone, that is its node collapsed, where the vertex that it bore has none.
+//!   What decides about that node is kept at the vertex where it would stand.
+//!
+//! # Triangles
+//!
+//! An active triangle has three vertices for corners ([`triangles`]). Splitting p moves the corners at p whose leaf belongs to the
+//! born child there, and adds p's born triangles: the first corner is under the kept child, one other under the born child, and
+//! the third corner's vertex is found by its leaf: first around p, else from the root down ([`lookup`]). So nothing here takes room
+//! in proportion to the mesh. Collapsing p removes the triangles that have both children for corners, and moves all other corners
+//! to p.
+//!
+//! All lists are allocated once and never grow. Nothing that comes from a page is trusted: what does not fit is a [`Misfit`],
+//! found before anything is changed ([`prepare`]).
+//!
+//! Memory: [`VERTEX_BYTES`] = 134 for each vertex with its star, and 12 for each triangle; 4 for each tree. Time: a split or a
+//! collapse looks at some 30 cache lines, which are fetched ahead ([`ahead`]).
+
+mod ahead;
+mod changes;
+mod collapse;
+mod lookup;
+mod numbers;
+mod prepare;
+mod split;
+mod stars;
+mod triangles;
+
+use metanode::header::ModelRoot;
+use metanode::page::{ChildEntry, NormalCone, Target};
+
+pub use self::changes::Changes;
+pub use self::numbers::CHUNK;
+pub use self::prepare::{Misfit, Prepared};
+pub use self::stars::{Entry, LINE_BYTES};
+pub use self::triangles::{TRIANGLE_BYTES, TRIANGLE_LIMIT};
+use self::numbers::Numbers;
+use storage::prefetch::ask_for_large_pages;
+use self::stars::Stars;
+use self::triangles::Triangles;
+use crate::evaluation::Criteria;
+use crate::view::Sphere;
+
+/// "None" for vertices, lines and pages.
+pub const NONE: u32 = u32::MAX;
+/// The id of a collapse that there is not: later than everything.
+pub const NEVER: u32 = u32::MAX;
+/// Bytes that a vertex takes, without its star.
+pub const VERTEX_BYTES: usize = size_of::<Span>() + size_of::<Links>() + size_of::<Birth>() + POSITION_BYTES + CRITERIA_BYTES;
+/// Bytes that a tree takes.
+pub const TREE_BYTES: usize = size_of::<u32>();
+const POSITION_BYTES: usize = size_of::<[f32; 4]>();
+const CRITERIA_BYTES: usize = 2 * size_of::<Criteria>() / CHUNK;
+
+/// The switch value that stands where there is no node to be split: no view asks for that.
+const NO_SPLIT: f32 = -1.0;
+/// The switch value that stands where there is no node to be restored: every view asks for more.
+const NO_COLLAPSE: f32 = f32::INFINITY;
+
+/// Of the active node at a vertex, what its neighbours ask for.
+#[derive(Debug, Clone, Copy, Default)]
+struct Span {
+    /// First leaf under the node; that of the vertex.
+    start: u32,
+    /// One past the last.
+    end: u32,
+    /// Dependency id; 0 of a leaf.
+    id: u32,
+    /// Id of the first collapse above that moves the node's corners elsewhere, see [`Front::moved_by`].
+    moved_by: u32,
+}
+
+/// Of a vertex, what only its own changes ask for.
+#[derive(Debug, Clone, Copy)]
+struct Links {
+    /// The vertex that was born from this one last.
+    last: u32,
+    /// The star of the active node: its first line.
+    star: u32,
+    /// Number of the page with the split of the active node, [`NONE`] for a leaf.
+    page: u32,
+    /// Index of the record there.
+    record: u16,
+}
+
+/// The split that bore a vertex.
+#[derive(Debug, Clone, Copy)]
+struct Birth {
+    /// The vertex that it was born from; [`NONE`] for a root, which no split bore.
+    kept: u32,
+    /// The vertex that was born from that one before.
+    previous: u32,
+    /// The place holder that the record is in.
+    slot: u32,
+    /// Of the node that was split: its id, that of the first collapse above it that moves its corners, and its sphere and cone.
+    id: u32,
+    moved_by: u32,
+    radius: f32,
+    switch: f32,
+    cone: u32,
+    /// Index of the record in its page.
+    record: u16,
+    /// Not to be undone before this time, in frames modulo 65536, if that is near.
+    not_before: u16,
+}
+
+const NO_LINKS: Links = Links { last: NONE, star: NONE, page: NONE, record: 0 };
+const NO_BIRTH: Birth = Birth {
+    kept: NONE,
+    previous: NONE,
+    slot: NONE,
+    id: NEVER,
+    moved_by: NEVER,
+    radius: 0.0,
+    switch: NO_COLLAPSE,
+    cone: 0,
+    record: 0,
+    not_before: 0,
+};
+
+/// Room in a front.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Capacity {
+    /// Vertices, that is active nodes. A multiple of [`CHUNK`].
+    pub vertices: usize,
+    /// Active triangles.
+    pub triangles: usize,
+    /// Cache lines of stars.
+    pub lines: usize,
+    /// Triangles that one split can bear.
+    pub born_triangles: usize,
+}
+
+/// A corner of a triangle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Corner {
+    /// The vertex that it is at.
+    pub vertex: u32,
+    /// The leaf that it is in the input.
+    pub leaf: u32,
+}
+
+/// The front.
+#[derive(Debug)]
+pub struct Front {
+    spans: Vec<Span>,
+    links: Vec<Links>,
+    births: Vec<Birth>,
+    /// x, y, z, and the normal.
+    positions: Vec<[f32; 4]>,
+    split_criteria: Vec<Criteria>,
+    collapse_criteria: Vec<Criteria>,
+    numbers: Numbers,
+    changes: Changes,
+    stars: Stars,
+    triangles: Triangles,
+    /// Active triangles of each tree.
+    tree_triangles: Vec<u32>,
+    /// Trees that have none.
+    vanished_trees: usize,
+    root_count: u32,
+    leaf_count: u32,
+    capacity: Capacity,
+    /// The third corners of the triangles that the prepared split bears.
+    thirds: Vec<Corner>,
+}
+
+/// A list that never grows, on large memory pages.
+fn list<T>(capacity: usize) -> Vec<T> {
+    let mut list = Vec::with_capacity(capacity);
+    ask_for_large_pages(list.spare_capacity_mut());
+    list
+}
+
+impl Front {
+    /// The front with all roots active.
+    pub fn new(roots: &[ModelRoot], leaf_count: u32, capacity: Capacity) -> Self {
+        let chunks = capacity.vertices.max(roots.len()).div_ceil(CHUNK);
+        let vertices = chunks * CHUNK;
+        let mut front = Front {
+            spans: list(vertices),
+            links: list(vertices),
+            births: list(vertices),
+            positions: list(vertices),
+            split_criteria: list(chunks),
+            collapse_criteria: list(chunks),
+            numbers: Numbers::new(vertices),
+            changes: Changes::new(vertices),
+            stars: Stars::new(capacity.lines),
+            triangles: Triangles::new(capacity.triangles),
+            tree_triangles: vec![0; roots.len()],
+            vanished_trees: roots.len(),
+            root_count: roots.len() as u32,
+            leaf_count,
+            capacity: Capacity { vertices, ..capacity },
+            thirds: Vec::with_capacity(capacity.born_triangles),
+        };
+        for root in roots {
+            // The roots have the first numbers, in their order, and keep them.
+            let vertex = front.new_vertex(0, root.position, root.normal.to_word());
+            front.spans[vertex] = Span { start: root.start, end: root.end, id: root.id, moved_by: NEVER };
+            front.links[vertex] = Links { page: root.page.number, record: root.record, ..NO_LINKS };
+            front.births[vertex] = NO_BIRTH;
+            front.set_split(vertex, [root.radius, root.switch], root.cone.to_word());
+        }
+        front
+    }
+
+    /// Most vertices, triangles and lines.
+    pub fn capacity(&self) -> Capacity {
+        self.capacity
+    }
+
+    /// Vertices, that is active nodes (and perhaps roots without a triangle).
+    pub fn vertex_count(&self) -> usize {
+        self.numbers.used()
+    }
+
+    /// Active triangles.
+    pub fn triangle_count(&self) -> usize {
+        self.triangles.count()
+    }
+
+    /// Cache lines that the stars take.
+    pub fn line_count(&self) -> usize {
+        self.stars.used()
+    }
+
+    /// Active triangles of a tree, by the number of its root.
+    pub fn tree_triangles(&self, tree: usize) -> u32 {
+        self.tree_triangles.get(tree).copied().unwrap_or(0)
+    }
+
+    /// Trees without an active triangle.
+    pub fn vanished_trees(&self) -> usize {
+        self.vanished_trees
+    }
+
+    /// The number of the tree that a leaf is in.
+    pub fn tree_of(&self, leaf: u32) -> usize {
+        // The roots are the first vertices, in the order of their leaves.
+        let after = self.spans[..self.root_count as usize].partition_point(|root| root.start <= leaf);
+        after.saturating_sub(1)
+    }
+
+    /// Counts triangles that the tree of a leaf has more, and fewer.
+    fn count_in_tree(&mut self, leaf: u32, more: u32, fewer: u32) {
+        let tree = self.tree_of(leaf);
+        if let Some(count) = self.tree_triangles.get_mut(tree) {
+            let before = std::mem::replace(count, *count + more - fewer);
+            self.vanished_trees -= usize::from(before == 0);
+            self.vanished_trees += usize::from(*count == 0);
+        }
+    }
+
+    /// Whether another split, with so many born triangles, fits.
+    pub fn has_room(&self, born_triangles: usize) -> bool {
+        self.numbers.used() < self.capacity.vertices
+            && self.triangles.count() + born_triangles <= self.triangles.capacity()
+            && self.stars.room() >= Stars::most_for_split(born_triangles)
+    }
+
+    /// The numbers of vertices are below this; those below it may be free.
+    pub fn vertex_bound(&self) -> u32 {
+        self.positions.len() as u32
+    }
+
+    /// Whether there is a vertex with this number.
+    pub fn is_vertex(&self, vertex: u32) -> bool {
+        self.numbers.is_used(vertex)
+    }
+
+    /// The vertices.
+    pub fn vertices(&self) -> impl Iterator<Item = u32> + '_ {
+        (0..self.vertex_bound()).filter(|vertex| self.is_vertex(*vertex))
+    }
+
+    /// Whether the active node at a vertex is a leaf of the tree.
+    pub fn is_leaf(&self, vertex: u32) -> bool {
+        self.spans[vertex as usize].id == 0
+    }
+
+    /// Dependency id of the active node at a vertex; 0 of a leaf.
+    pub fn id(&self, vertex: u32) -> u32 {
+        self.spans[vertex as usize].id
+    }
+
+    /// Dependency id of the first collapse above an active node that moves its corners: that of its parent for a born child. A
+    /// kept child's corners stay where they are, so for that it is what it is for the parent. [`NEVER`] where there is none.
+    pub fn moved_by(&self, vertex: u32) -> u32 {
+        self.spans[vertex as usize].moved_by
+    }
+
+    /// The leaves under the active node at a vertex, from the first to one past the last.
+    pub fn interval(&self, vertex: u32) -> (u32, u32) {
+        let span = &self.spans[vertex as usize];
+        (span.start, span.end)
+    }
+
+    /// Where a vertex stands, and what decides about the active node there. The switch value of a leaf is 0.
+    pub fn sphere(&self, vertex: u32) -> Sphere {
+        let [x, y, z, _] = self.positions[vertex as usize];
+        let (chunk, place) = (vertex as usize / CHUNK, vertex as usize % CHUNK);
+        let criteria = &self.split_criteria[chunk];
+        Sphere {
+            position: [x, y, z],
+            radius: criteria.radius[place],
+            switch: criteria.switch[place].max(0.0),
+            cone: NormalCone::from_word(criteria.cone[place]),
+        }
+    }
+
+    /// The same for the node that would be restored where the split that bore `born` was undone.
+    pub fn sphere_above(&self, born: u32) -> Sphere {
+        let birth = &self.births[born as usize];
+        let [x, y, z, _] = self.positions[birth.kept as usize];
+        let cone = NormalCone::from_word(birth.cone);
+        Sphere { position: [x, y, z], radius: birth.radius, switch: birth.switch, cone }
+    }
+
+    /// Positions and what decides about splits and collapses, for each 64 vertices. Places without a vertex, leaves, and vertices
+    /// at which nothing can be undone, have switch values by which no view wants a change.
+    pub fn blocks(&self) -> impl Iterator<Item = (&[[f32; 4]; CHUNK], &Criteria, &Criteria)> {
+        let (positions, _) = self.positions.as_chunks::<CHUNK>();
+        positions.iter().zip(&self.split_criteria).zip(&self.collapse_criteria).map(|((p, s), c)| (p, s, c))
+    }
+
+    /// Positions, with the word of the normal, by the numbers of the vertices.
+    pub fn positions(&self) -> &[[f32; 4]] {
+        &self.positions
+    }
+
+    /// The corners of the triangles, as numbers of vertices; three times the same where there is no triangle.
+    pub fn corners(&self) -> &[[u32; 3]] {
+        self.triangles.list()
+    }
+
+    /// Which vertices and which triangles have changed.
+    pub fn changes(&self) -> (&Changes, &Changes) {
+        (&self.changes, self.triangles.changes())
+    }
+
+    /// Forgets which have.
+    pub fn clear_changes(&mut self) {
+        self.changes.clear();
+        self.triangles.clear_changes();
+    }
+
+    /// The page that the split of the active node at a vertex is in, and its record; [`NONE`] for a leaf.
+    pub fn place(&self, vertex: u32) -> (u32, u16) {
+        let links = &self.links[vertex as usize];
+        (links.page, links.record)
+    }
+
+    /// The split whose child the active node at a vertex is, by the vertex that it bore; [`NONE`] for a root.
+    pub fn split_above(&self, vertex: u32) -> u32 {
+        match self.links[vertex as usize].last {
+            NONE if self.births[vertex as usize].kept == NONE => NONE,
+            NONE => vertex,
+            last => last,
+        }
+    }
+
+    /// The place holder with the record of the split that bore a vertex.
+    pub fn slot(&self, born: u32) -> u32 {
+        self.births[born as usize].slot
+    }
+
+    /// The same for the split whose child the active node at a vertex is; [`NONE`] for a root.
+    pub fn slot_above(&self, vertex: u32) -> u32 {
+        match self.split_above(vertex) {
+            NONE => NONE,
+            born => self.slot(born),
+        }
+    }
+
+    /// Index of the record of the split that bore a vertex.
+    pub fn record_of_birth(&self, born: u32) -> u16 {
+        self.births[born as usize].record
+    }
+
+    /// Id of the node whose split bore a vertex.
+    pub fn id_above(&self, born: u32) -> u32 {
+        self.births[born as usize].id
+    }
+
+    /// The vertex from which one was born; [`NONE`] for a root.
+    pub fn kept(&self, born: u32) -> u32 {
+        self.births[born as usize].kept
+    }
+
+    /// The vertex born from the same one before; [`NONE`] where it was the first.
+    pub fn previous(&self, born: u32) -> u32 {
+        self.births[born as usize].previous
+    }
+
+    /// The vertices that splits bore: for each applied split the one.
+    pub fn born(&self) -> impl Iterator<Item = u32> + '_ {
+        self.vertices().filter(|vertex| self.kept(*vertex) != NONE)
+    }
+
+    /// Whether the split that bore a vertex can be undone: whether both children of its node are active.
+    pub fn is_collapsible(&self, born: u32) -> bool {
+        let kept = self.births[born as usize].kept;
+        kept != NONE && self.links[born as usize].last == NONE && self.links[kept as usize].last == born
+    }
+
+    /// The vertex born last from this one, where there is one: whose split can be undone if any there can.
+    pub fn last_born(&self, vertex: u32) -> u32 {
+        self.links[vertex as usize].last
+    }
+
+    /// The leaves under the node that a vertex was born as.
+    pub fn interval_of_birth(&self, vertex: u32) -> (u32, u32) {
+        let (start, mut end) = self.interval(vertex);
+        let mut born = self.last_born(vertex);
+        while born != NONE {
+            (_, end) = self.interval_of_birth(born);
+            born = self.previous(born);
+        }
+        (start, end)
+    }
+
+    /// Whether what decides about splits and collapses at a vertex is that of the nodes there; else which is not. For checks.
+    pub fn criteria_fit(&self, vertex: u32) -> Result<(), &'static str> {
+        let (chunk, place) = (vertex as usize / CHUNK, vertex as usize % CHUNK);
+        let (split, collapse) = (self.split_criteria[chunk].switch[place], self.collapse_criteria[chunk].switch[place]);
+        let last = self.last_born(vertex);
+        let restored = if last != NONE && self.is_collapsible(last) { self.births[last as usize].switch } else { NO_COLLAPSE };
+        if (split == NO_SPLIT) != self.is_leaf(vertex) {
+            Err("a leaf is to be split, or a node never is")
+        } else if collapse != restored {
+            Err("the node to be restored is another one")
+        } else {
+            Ok(())
+        }
+    }
+
+    /// The corners of triangles at a vertex.
+    pub fn star(&self, vertex: u32) -> impl Iterator<Item = Entry> + '_ {
+        self.stars.corners(self.links[vertex as usize].star)
+    }
+
+    /// Whether a vertex has no triangle.
+    pub fn is_bare(&self, vertex: u32) -> bool {
+        self.links[vertex as usize].star == NONE
+    }
+
+    /// The vertices at the other corners of a triangle, in its orientation.
+    #[inline]
+    pub fn others(&self, entry: Entry) -> [u32; 2] {
+        let corners = self.triangles.corners(entry.triangle());
+        let place = entry.place();
+        [corners[NEXT[place]], corners[NEXT[NEXT[place]]]]
+    }
+
+    /// The active triangles: their corners as vertices.
+    pub fn triangles(&self) -> impl Iterator<Item = (u32, [u32; 3])> + '_ {
+        self.triangles.iter()
+    }
+
+    /// The leaf that the corner of a triangle at a vertex is in the input.
+    pub fn leaf_at(&self, vertex: u32, triangle: u32) -> u32 {
+        let found = self.star(vertex).find(|entry| entry.triangle() == triangle);
+        found.map_or(NONE, |entry| entry.leaf)
+    }
+
+    /// Keeps the split that bore a vertex from being undone before the time `until`, in frames modulo 65536.
+    pub fn defer_collapse(&mut self, born: u32, until: u16) {
+        self.births[born as usize].not_before = until;
+    }
+
+    /// Whether the time before which it is not to be undone lies ahead, by no more than `most` frames.
+    pub fn collapse_is_deferred(&self, born: u32, now: u16, most: u16) -> bool {
+        (1..=most).contains(&self.births[born as usize].not_before.wrapping_sub(now))
+    }
+
+    /// Moves up to `most` of the last triangles to places before them that have none, where there are many of those.
+    pub fn close_gaps(&mut self, most: usize) {
+        for _ in 0..most {
+            let Some(last) = self.triangles.last_if_sparse() else { return };
+            let corners = self.triangles.corners(last);
+            let moved = self.triangles.add(corners, 0);
+            for (place, vertex) in corners.into_iter().enumerate() {
+                self.stars.rename(self.links[vertex as usize].star, last << 2 | place as u32, moved << 2 | place as u32);
+            }
+            self.triangles.remove(last);
+        }
+    }
+
+    /// A vertex with everything but its position still to be said.
+    fn new_vertex(&mut self, near: u32, [x, y, z]: [f32; 3], normal: u32) -> usize {
+        let Some(vertex) = self.numbers.allocate(near) else { unreachable!("there are as many numbers as the capacity says") };
+        if vertex as usize >= self.positions.len() {
+            let bound = self.numbers.chunks() * CHUNK;
+            self.spans.resize(bound, Span::default());
+            self.links.resize(bound, NO_LINKS);
+            self.births.resize(bound, NO_BIRTH);
+            self.positions.resize(bound, [0.0; 4]);
+            self.split_criteria.resize(self.numbers.chunks(), Criteria::all(NO_SPLIT));
+            self.collapse_criteria.resize(self.numbers.chunks(), Criteria::all(NO_COLLAPSE));
+        }
+        self.positions[vertex as usize] = [x, y, z, f32::from_bits(normal)];
+        self.changes.note(vertex);
+        vertex as usize
+    }
+
+    /// What decides about the split of the node at a vertex.
+    #[inline]
+    fn set_split(&mut self, vertex: usize, of: [f32; 2], cone: u32) {
+        self.split_criteria[vertex / CHUNK].set(vertex % CHUNK, of, cone);
+    }
+
+    /// What decides about the collapse into a vertex: that of the split which bore `born`, if that one can be undone.
+    #[inline]
+    fn set_collapse(&mut self, vertex: u32, born: u32) {
+        let (chunk, place) = (vertex as usize / CHUNK, vertex as usize % CHUNK);
+        let criteria = &mut self.collapse_criteria[chunk];
+        if born != NONE && self.links[born as usize].last == NONE {
+            let Birth { radius, switch, cone, .. } = self.births[born as usize];
+            criteria.set(place, [radius, switch], cone);
+        } else {
+            criteria.switch[place] = NO_COLLAPSE;
+        }
+    }
+}
+
+/// The corner after one.
+const NEXT: [usize; 3] = [1, 2, 0];
+
+/// Radius, switch value and cone of a child; those of no node to be split for a leaf.
+fn criteria_of(entry: Option<&ChildEntry>) -> ([f32; 2], u32) {
+    entry.map_or(([0.0, NO_SPLIT], 0), |entry| ([entry.radius, entry.switch], entry.cone.to_word()))
+}
+
+/// Index of the record of a child in its page.
+fn record_of(entry: Option<&ChildEntry>) -> u16 {
+    entry.map_or(0, |entry| match entry.target {
+        Target::SamePage { record } | Target::ChildPage { record, .. } => record,
+    })
+}
+
+#[cfg(test)]
+mod tests;

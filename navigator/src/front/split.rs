@@ -1,0 +1,83 @@
+//! Applying a split.
+
+use metanode::page::Page;
+
+use super::{Birth, CHUNK, Entry, Front, Links, NONE, NO_BIRTH, NO_LINKS, Prepared, Span, criteria_of, record_of};
+
+impl Front {
+    /// Applies the split that was prepared last, with nothing changed in between and with [`Front::has_room`]. `slot` is the
+    /// place holder that `page` is in. Returns the vertex that is born.
+    pub fn split(&mut self, prepared: &Prepared, page: &Page, slot: u32) -> u32 {
+        let Prepared { vertex, record, kept_page, born_page } = *prepared;
+        let (kept, middle) = (vertex as usize, record.born_leaf);
+        let Span { start, end, id, moved_by } = self.spans[kept];
+        let Links { last, record: index, star, .. } = self.links[kept];
+        let born = self.new_vertex(vertex, record.position, record.normal.to_word());
+
+        let (mut kept_star, mut born_star) = (NONE, NONE);
+        let triangles = &mut self.triangles;
+        // Where it goes to what is near.
+        let mut near = 0;
+        self.stars.take(star, |stars, entry| {
+            near = entry.triangle();
+            if entry.leaf >= middle {
+                triangles.move_corner(entry.triangle(), entry.place(), born as u32);
+                stars.push(&mut born_star, entry);
+            } else {
+                stars.push(&mut kept_star, entry);
+            }
+        });
+        // Where no triangle was left around the vertex that went, those around the one that stayed took over what it
+        // answered for, so that they count as moved.
+        let kept_moved_by = if born_star == NONE { id } else { moved_by };
+
+        for (leaves, third) in page.triangles(index).zip(&self.thirds) {
+            let inside = middle <= leaves[1] && leaves[1] < end;
+            let (corners, born_place, third_place) = if inside {
+                ([vertex, born as u32, third.vertex], 1, 2)
+            } else {
+                ([vertex, third.vertex, born as u32], 2, 1)
+            };
+            let triangle = self.triangles.add(corners, near);
+            let entry = |place: usize| Entry { corner: triangle << 2 | place as u32, leaf: leaves[place] };
+            self.stars.push(&mut kept_star, entry(0));
+            self.stars.push(&mut born_star, entry(born_place));
+            self.stars.push(&mut self.links[third.vertex as usize].star, entry(third_place));
+        }
+        self.count_in_tree(start, self.thirds.len() as u32, 0);
+
+        let (chunk, place) = (kept / CHUNK, kept % CHUNK);
+        let of_node = &self.split_criteria[chunk];
+        let (radius, switch, cone) = (of_node.radius[place], of_node.switch[place], of_node.cone[place]);
+        self.births[born] = Birth {
+            kept: vertex,
+            previous: last,
+            slot,
+            id,
+            moved_by,
+            radius,
+            switch,
+            cone,
+            record: index,
+            ..NO_BIRTH
+        };
+        let (kept_entry, born_entry) = (record.kept.as_ref(), record.born.as_ref());
+        let id_of = |entry: Option<&metanode::page::ChildEntry>| entry.map_or(0, |entry| entry.id);
+        self.spans[kept] = Span { start, end: middle, id: id_of(kept_entry), moved_by: kept_moved_by };
+        self.spans[born] = Span { start: middle, end, id: id_of(born_entry), moved_by: id };
+        self.links[kept] =
+            Links { last: born as u32, star: kept_star, page: kept_page, record: record_of(kept_entry) };
+        self.links[born] = Links { star: born_star, page: born_page, record: record_of(born_entry), ..NO_LINKS };
+        let (criteria, cone) = criteria_of(kept_entry);
+        self.set_split(kept, criteria, cone);
+        let (criteria, cone) = criteria_of(born_entry);
+        self.set_split(born, criteria, cone);
+        self.set_collapse(vertex, born as u32);
+        self.set_collapse(born as u32, NONE);
+        let above = self.births[kept].kept;
+        if last == NONE && above != NONE && self.links[above as usize].last == vertex {
+            self.set_collapse(above, NONE);
+        }
+        born as u32
+    }
+}
