@@ -5,7 +5,9 @@
 //! |---|---|---|
 //! | [`camera`] | a camera and its text form | |
 //! | [`path`] | camera paths: from a file, an orbit, a flight over the surface | |
-//! | [`view`] | the error of a node in pixels | the paper, 3.3.1 |
+//! | [`view`] | a camera looking at a model: the error of a node in pixels | the paper, 3.3.1 |
+//! | [`view_parameters`] | what counts in it: frustum, cones, silhouettes, light | 3.3.1 |
+//! | [`evaluation`] | the criterion, for nodes and for blocks of them | 3.3.1 |
 //! | `front` | the lists of active nodes and active triangles, split and collapse | 3.3.1 |
 //! | `dependency` | implicit dependency by ids | 3.3.5 |
 //! | `refine` | a split with all that it forces | 3.3.5 |
@@ -25,6 +27,7 @@ mod budget;
 pub mod camera;
 pub mod check;
 mod dependency;
+pub mod evaluation;
 mod front;
 mod io_process;
 pub mod navigator;
@@ -34,6 +37,7 @@ mod pool;
 mod refine;
 pub mod statistics;
 pub mod view;
+pub mod view_parameters;
 
 #[cfg(test)]
 mod property_tests;
@@ -48,3 +52,4 @@ pub use io_process::Io;
 pub use navigator::{ActiveNode, ActiveTriangle, AppliedSplit, Navigator, NavigatorError, NavigatorOptions};
 pub use path::PathSpec;
 pub use statistics::{FlightSummary, FrameStatistics};
+pub use view_parameters::{Light, ViewParameters, ViewParametersError};

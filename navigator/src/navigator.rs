@@ -35,10 +35,8 @@ use crate::pool::{HOLD_FRAMES, Hold, PoolCounters};
 use crate::refine::{Chain, Outcome, PATIENCE, Refiner};
 use crate::statistics::FrameStatistics;
 use crate::view::{Sphere, View};
+use crate::view_parameters::{ViewParameters, ViewParametersError};
 
-/// How much smaller than the threshold an error has to be for a collapse: 1.05 saves most of the changes back and
-/// forth, more saves no more (`facts/front.md`).
-const HYSTERESIS: f32 = 1.05;
 /// By how much the threshold rises with every frame that hit a limit, and falls where there is much room.
 const RAISE: f32 = 1.1;
 /// By how much it falls with every frame that has some room.
@@ -69,6 +67,8 @@ pub struct NavigatorOptions {
     pub width: u32,
     /// Height of the picture in pixels.
     pub height: u32,
+    /// What counts in that error.
+    pub view: ViewParameters,
     /// How changes depend on each other.
     pub dependency: Dependency,
     /// Most triangles to be drawn.
@@ -89,6 +89,7 @@ impl Default for NavigatorOptions {
             pixels: 1.0,
             width: 1920,
             height: 1080,
+            view: ViewParameters::default(),
             dependency: Dependency::Implicit,
             max_triangles: None,
             io: Io::Thread,
@@ -129,6 +130,9 @@ pub enum NavigatorError {
     /// The camera cannot be.
     #[error(transparent)]
     Camera(#[from] CameraError),
+    /// The view parameters cannot be.
+    #[error(transparent)]
+    View(#[from] ViewParametersError),
     /// An option is out of range.
     #[error("{problem}")]
     Options {
@@ -232,6 +236,7 @@ impl Navigator {
             let problem = format!("a picture of {}x{} pixels cannot be", options.width, options.height);
             return Err(NavigatorError::Options { problem });
         }
+        options.view.check()?;
         let leaf_count = model.header().leaf_count;
         if let Some((root, _)) = model.roots().iter().enumerate().find(|(_, root)| root.id == 0) {
             return Err(NavigatorError::Root { path: model.path().into(), root });
@@ -267,7 +272,7 @@ impl Navigator {
         let (start, cpu_start) = (Instant::now(), thread_cpu_time());
         let header = self.model.header();
         self.is_at_rest = false;
-        let view = View::new(camera, header, self.options.width, self.options.height)?;
+        let view = View::new(camera, header, self.options.width, self.options.height, &self.options.view)?;
         self.check_failure()?;
         self.paging.pool().begin_frame();
         let stands_still = self.last_camera == Some(*camera);
@@ -452,7 +457,7 @@ impl Navigator {
     /// Collects what is to be split and what to be collapsed; true if a collapse has to wait for a later frame.
     fn evaluate(&mut self, view: &View, threshold: f32) -> bool {
         let mut waits = false;
-        let (for_split, for_collapse) = (view.against(threshold), view.against(threshold / HYSTERESIS));
+        let (for_split, for_collapse) = (view.splits(threshold), view.collapses(threshold));
         let mut splits = std::mem::take(&mut self.split_candidates).into_vec();
         let mut collapses = std::mem::take(&mut self.collapse_candidates).into_vec();
         splits.clear();
@@ -483,7 +488,7 @@ impl Navigator {
     }
 
     fn collapse(&mut self, view: &View, threshold: f32, statistics: &mut FrameStatistics) {
-        let for_collapse = view.against(threshold / HYSTERESIS);
+        let for_collapse = view.collapses(threshold);
         while let Some(key) = self.collapse_candidates.pop() {
             let node = !key as u32;
             if self.options.dependency == Dependency::Implicit && dependency::collapse_is_blocked(&self.front, node) {
@@ -504,7 +509,7 @@ impl Navigator {
     }
 
     fn split(&mut self, view: &View, threshold: f32, statistics: &mut FrameStatistics) -> Result<(), NavigatorError> {
-        let for_split = view.against(threshold);
+        let for_split = view.splits(threshold);
         let triangle_limit = self.triangle_limit();
         let candidates = &mut self.split_candidates;
         let most_candidates = self.budget.split_candidates;
