@@ -491,7 +491,7 @@ pub struct NavigateOptions {
     #[arg(long, default_value = "1920x1080")]
     pub size: PictureSize,
     /// Draw what is outside the picture as finely as what is in it. Without this, a sixteenth of its error counts from about
-    /// 6 degrees outside on, more at the border.
+    /// 3 degrees outside on, more at the border.
     #[arg(long)]
     pub no_frustum: bool,
     /// Draw what faces away from the eye as finely as the rest. Without this, a sixteenth of its error counts.

@@ -17,11 +17,12 @@
 //!   another is at least as far outside, so `outside / reach` does not fall towards the leaves; it is the sine of the angle
 //!   outside where the sphere is small. From `margin` on, the share falls with it, in proportion:
 //!   `share = max(min(reach, reach + slope * (margin * reach - outside)), reach / 16)`.
-//! - *Cone.* With `u` the unit axis of the normals and `a` their half-angle, all of them point away from every point of
-//!   view in question where `u.d > r + sin(a) * reach`; then the share is `reach / 16`. That is a little stricter than it
-//!   must be, and goes with nestedness exactly. For a sphere inside, `u.d` falls by no more than `r` does, and the reach
-//!   does not grow. For a cone inside, of half-angle `b`, the axis turns by no more than `a - b`, and with `q = r / |d|`
-//!   the widest angle allowed, `acos(q + (1 + q) sin(a))`, grows by at least that.
+//! - *Cone.* With `u` the unit axis of the normals and `a` their half-angle, all of them point away from the eye at every
+//!   point of the sphere where `u.d > r + sin(a) * reach`; then the share is `reach / 16`. That is a little stricter than
+//!   it must be (0.2 % more triangles in a flight), and goes with nestedness exactly. For a sphere inside, `u.d` falls by
+//!   no more than `r` does, and the reach does not grow. For a cone inside, of half-angle `b`, the axis turns by no more
+//!   than `a - b`, and the angle that it may be from `d`, `acos(q + (1 + q) sin(a))` with `q = r / |d|`, grows by at
+//!   least that.
 //! - *Silhouette.* Some normal may be at right angles to the direction of view unless `|u.d| > r + sin(a) * reach`: the
 //!   test above, for the cone and for the cone turned round.
 //! - *Highlight.* From a point `p`, the direction half-way between those to the eye and to the light `l` is that of

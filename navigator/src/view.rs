@@ -26,7 +26,8 @@ use crate::view_parameters::{MOST_FINER, ViewParameters};
 pub const HYSTERESIS: f32 = 1.05;
 
 /// The sine of the angle outside the frustum at which the part of the error that counts is down to that of the unseen.
-const BORDER: f32 = 0.1;
+/// Against none, flights have 3 to 5 % more triangles and 3 to 5 % fewer changes; 0.1 takes 3 % more, and saves no more.
+const BORDER: f32 = 0.05;
 /// The sine of the angle by which the frustum is wider for collapses: what changes back and forth at its border when the
 /// camera trembles is not stopped by a smaller threshold.
 const MARGIN: f32 = 0.02;
@@ -205,9 +206,9 @@ mod tests {
         };
         let error = |degrees: f32| view.pixel_error(&at(degrees));
         assert!((error(44.9) - 5.0).abs() < 1e-5);
-        assert!((4.0..4.4).contains(&error(46.0)), "{}", error(46.0));
-        assert!((2.4..2.8).contains(&error(48.0)), "{}", error(48.0));
-        assert!((error(51.0) - 5.0 / 16.0).abs() < 1e-5);
+        assert!((3.3..3.5).contains(&error(46.0)), "{}", error(46.0));
+        assert!((1.6..1.8).contains(&error(47.0)), "{}", error(47.0));
+        assert!((error(48.0) - 5.0 / 16.0).abs() < 1e-5);
         assert!((error(135.0) - 5.0 / 16.0).abs() < 1e-5);
         // The frustum is wider by a degree for collapses, and all errors are larger.
         assert!((view.collapses(1.0).error(&at(46.0)) - 5.0).abs() < 1e-5);

@@ -13,7 +13,7 @@ pub const MOST_FINER: f32 = 1e6;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ViewParameters {
     /// Whether the error of what is outside the view frustum counts less: the less the farther, down to a sixteenth at about
-    /// 6 degrees outside. A collapse has to be the same for a frustum that is a degree wider.
+    /// 3 degrees outside. A collapse has to be the same for a frustum that is a degree wider.
     pub frustum: bool,
     /// Whether a sixteenth of the error counts where all normals under the node point away from the eye.
     pub cones: bool,
