@@ -10,7 +10,8 @@ use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use metanode::blocking::{ParseBlockingError, check_parameters};
 use metanode::header::{Blocking, ErrorBound, Metric, Strategy};
-use navigator::PathSpec;
+use navigator::view_parameters::MOST_FINER;
+use navigator::{Light, PathSpec, ViewParameters};
 use storage::{ByteSize, EdgeTreeKind};
 use vdt::generate::{Shape, TRIANGLES};
 use vdt::ingest::PositionsRule;
@@ -405,6 +406,32 @@ fn positive(text: &str) -> Result<f32, String> {
     }
 }
 
+/// How many times an error counts.
+fn finer(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(value) if (1.0..=MOST_FINER).contains(&value) => Ok(value),
+        _ => Err(format!("`{text}` is not a number from 1 to {MOST_FINER}")),
+    }
+}
+
+/// A direction that is one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Direction(pub [f64; 3]);
+
+impl FromStr for Direction {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("`{text}` is not a direction: write three numbers, not all zero, as in 1,1,3");
+        let numbers: Vec<f64> =
+            text.split(',').map(|word| word.trim().parse().map_err(|_| wrong())).collect::<Result<_, _>>()?;
+        let direction = <[f64; 3]>::try_from(numbers).map_err(|_| wrong())?;
+        let light = Light { direction: direction.into(), highlights: 1.0 };
+        let parameters = ViewParameters { light: Some(light), ..ViewParameters::default() };
+        parameters.check().map(|()| Direction(direction)).map_err(|_| wrong())
+    }
+}
+
 fn not_negative(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value >= 0.0 && value.is_finite() => Ok(value),
@@ -443,7 +470,8 @@ pub enum PolicyName {
 #[derive(Debug, Args)]
 #[command(after_long_help = "Examples:\n  vdt navigate bunny.vdt --path flyby:200\n  \
                              vdt navigate bunny.vdt --path orbit:600 --memory 8M --pixels 2 --csv flight.csv\n  \
-                             vdt navigate bunny.vdt --path cameras.txt --io sync --dependency none\n\n\
+                             vdt navigate bunny.vdt --path cameras.txt --io sync --dependency none\n  \
+                             vdt navigate bunny.vdt --path orbit:600 --silhouettes 3 --light 1,1,3 --highlights 4\n\n\
                              A path file has one camera a line, ten numbers: eye x y z, target x y z, up x y z, \
                              vertical field of view in degrees; # begins a comment.")]
 pub struct NavigateOptions {
@@ -462,6 +490,24 @@ pub struct NavigateOptions {
     /// Size of the picture that the pixels are of.
     #[arg(long, default_value = "1920x1080")]
     pub size: PictureSize,
+    /// Draw what is outside the picture as finely as what is in it. Without this, a sixteenth of its error counts from about
+    /// 3 degrees outside on, more at the border.
+    #[arg(long)]
+    pub no_frustum: bool,
+    /// Draw what faces away from the eye as finely as the rest. Without this, a sixteenth of its error counts.
+    #[arg(long)]
+    pub no_cones: bool,
+    /// Draw silhouettes finer: their error counts FACTOR times, 1 (off) to 1000000. Where parts of the mesh have no inside, all
+    /// of them.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = finer)]
+    pub silhouettes: f32,
+    /// The direction to a light, in the coordinates of the mesh; what shines in it is drawn finer, by --highlights.
+    /// [default: no light]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    pub light: Option<Direction>,
+    /// How many times the error counts within 15 degrees of a highlight of the --light, 1 (off) to 1000000.
+    #[arg(long, value_name = "FACTOR", default_value_t = 2.0, value_parser = finer, requires = "light")]
+    pub highlights: f32,
     /// How changes of neighbours depend on each other.
     #[arg(long, value_enum, default_value_t = DependencyName::Implicit)]
     pub dependency: DependencyName,
@@ -766,5 +812,11 @@ mod tests {
         assert!("-1".parse::<ErrorArgument>().is_err());
         assert!("640".parse::<PictureSize>().is_err());
         assert!("1,2,3".parse::<CameraArgument>().is_err());
+        assert_eq!("-1, 0, .5".parse(), Ok(Direction([-1.0, 0.0, 0.5])));
+        assert_eq!(finer("2.5"), Ok(2.5));
+        for direction in ["1,2", "1,2,3,4", "0,0,0", "1,up,0", "nan,1,1", "inf,0,0"] {
+            assert!(direction.parse::<Direction>().is_err(), "{direction}");
+        }
+        assert!(finer("0.5").is_err() && finer("nan").is_err() && finer("1e7").is_err());
     }
 }

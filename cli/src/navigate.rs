@@ -5,7 +5,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use metanode::model::Model;
-use navigator::{Dependency, FlightSummary, FrameStatistics, Io, Navigator, NavigatorOptions, PathSpec};
+use navigator::{
+    Dependency, FlightSummary, FrameStatistics, Io, Light, Navigator, NavigatorOptions, PathSpec, ViewParameters,
+};
 use serde_json::{Value, json};
 use storage::{AtomicFile, ByteSize, Disk, LocalDisk};
 
@@ -34,6 +36,12 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
         pixels: options.pixels,
         width: options.size.width,
         height: options.size.height,
+        view: ViewParameters {
+            frustum: !options.no_frustum,
+            cones: !options.no_cones,
+            silhouettes: options.silhouettes,
+            light: options.light.map(|light| Light { direction: light.0.into(), highlights: options.highlights }),
+        },
         dependency: match options.dependency {
             DependencyName::Implicit => Dependency::Implicit,
             DependencyName::None => Dependency::None,

@@ -203,7 +203,9 @@ mod tests {
         let mut memory = smallest;
         while memory < whole.bytes {
             let budget = plan(&model, memory).unwrap();
-            assert!(budget.bytes <= memory && budget.bytes > memory - 2 * u64::from(model.header().slot_bytes) - (32 << 10));
+            assert!(
+                budget.bytes <= memory && budget.bytes > memory - 2 * u64::from(model.header().slot_bytes) - (32 << 10)
+            );
             assert!(budget.slots >= LEAST_FOR_URGENT + model.header().page_levels as usize - 1);
             memory += 1000;
         }

@@ -85,7 +85,9 @@ fn check_births_at(front: &Front, vertex: u32) -> Result<(), String> {
     let (mut born, mut kept_id) = (front.last_born(vertex), front.id(vertex));
     let can_be_undone = born != NONE && front.last_born(born) == NONE;
     if born != NONE && front.is_collapsible(born) != can_be_undone {
-        return Err(format!("vertex {vertex}: whether the split that bore {born} can be undone is not {can_be_undone}"));
+        return Err(format!(
+            "vertex {vertex}: whether the split that bore {born} can be undone is not {can_be_undone}"
+        ));
     }
     if front.criteria_fit(vertex) != Ok(()) {
         return Err(format!("vertex {vertex}: {:?}", front.criteria_fit(vertex)));
@@ -95,7 +97,9 @@ fn check_births_at(front: &Front, vertex: u32) -> Result<(), String> {
         let id = front.id_above(born);
         let fits = front.kept(born) == vertex && born_start == end && id > kept_id && id > first_id(front, born);
         if !fits {
-            return Err(format!("vertex {born}, with leaves {born_start}..{born_end}, was not born from {vertex}, {start}..{end}"));
+            return Err(format!(
+                "vertex {born}, with leaves {born_start}..{born_end}, was not born from {vertex}, {start}..{end}"
+            ));
         }
         (end, kept_id) = (born_end, id);
         born = front.previous(born);

@@ -5,7 +5,9 @@
 //! |---|---|---|
 //! | [`camera`] | a camera and its text form | |
 //! | [`path`] | camera paths: from a file, an orbit, a flight over the surface | |
-//! | [`view`] | the error of a node in pixels | the paper, 3.3.1 |
+//! | [`view`] | a camera looking at a model: the error of a node in pixels | the paper, 3.3.1 |
+//! | [`view_parameters`] | what counts in it: frustum, cones, silhouettes, light | 3.3.1 |
+//! | [`evaluation`] | the criterion, for nodes and for blocks of them | 3.3.1 |
 //! | `front` | the lists of active nodes and active triangles, split and collapse | 3.3.1 |
 //! | `dependency` | implicit dependency by ids | 3.3.5 |
 //! | `refine` | a split with all that it forces | 3.3.5 |
@@ -26,7 +28,7 @@ pub mod camera;
 pub mod check;
 mod collapse_queue;
 mod dependency;
-mod evaluation;
+pub mod evaluation;
 mod front;
 mod io_process;
 pub mod navigator;
@@ -37,6 +39,7 @@ mod refine;
 mod split_queue;
 pub mod statistics;
 pub mod view;
+pub mod view_parameters;
 mod window;
 
 #[cfg(test)]
@@ -52,3 +55,4 @@ pub use io_process::Io;
 pub use navigator::{ActiveNode, ActiveTriangle, AppliedSplit, Navigator, NavigatorError, NavigatorOptions};
 pub use path::PathSpec;
 pub use statistics::{FlightSummary, FrameStatistics};
+pub use view_parameters::{Light, ViewParameters, ViewParametersError};

@@ -28,22 +28,19 @@ use thiserror::Error;
 
 use crate::budget::{self, Budget, BudgetError, SPARE_SLOTS};
 use crate::camera::{Camera, CameraError};
-use crate::dependency::{self, Dependency};
 use crate::collapse_queue::CollapseQueue;
+use crate::dependency::{self, Dependency};
 use crate::front::{CHUNK, Front, Misfit, NONE};
-use crate::split_queue::SplitQueue;
-use crate::window::Window;
-use crate::evaluation::Test;
 use crate::io_process::Io;
 use crate::paging::Paging;
 use crate::pool::{HOLD_FRAMES, Hold, PoolCounters};
 use crate::refine::{Chain, Outcome, PATIENCE, Refiner};
+use crate::split_queue::SplitQueue;
 use crate::statistics::FrameStatistics;
 use crate::view::{Sphere, View};
+use crate::view_parameters::{ViewParameters, ViewParametersError};
+use crate::window::Window;
 
-/// How much smaller than the threshold an error has to be for a collapse: 1.05 saves most of the changes back and
-/// forth, more saves no more (`facts/front.md`).
-const HYSTERESIS: f32 = 1.05;
 /// By how much the threshold rises with every frame that hit a limit, and falls where there is much room.
 const RAISE: f32 = 1.1;
 /// By how much it falls with every frame that has some room.
@@ -76,6 +73,8 @@ pub struct NavigatorOptions {
     pub width: u32,
     /// Height of the picture in pixels.
     pub height: u32,
+    /// What counts in that error.
+    pub view: ViewParameters,
     /// How changes depend on each other.
     pub dependency: Dependency,
     /// Most triangles to be drawn.
@@ -96,6 +95,7 @@ impl Default for NavigatorOptions {
             pixels: 1.0,
             width: 1920,
             height: 1080,
+            view: ViewParameters::default(),
             dependency: Dependency::Implicit,
             max_triangles: None,
             io: Io::Thread,
@@ -136,6 +136,9 @@ pub enum NavigatorError {
     /// The camera cannot be.
     #[error(transparent)]
     Camera(#[from] CameraError),
+    /// The view parameters cannot be.
+    #[error(transparent)]
+    View(#[from] ViewParametersError),
     /// An option is out of range.
     #[error("{problem}")]
     Options {
@@ -228,6 +231,7 @@ impl Navigator {
             let problem = format!("a picture of {}x{} pixels cannot be", options.width, options.height);
             return Err(NavigatorError::Options { problem });
         }
+        options.view.check()?;
         let leaf_count = model.header().leaf_count;
         if let Some((root, _)) = model.roots().iter().enumerate().find(|(_, root)| root.id == 0) {
             return Err(NavigatorError::Root { path: model.path().into(), root });
@@ -264,7 +268,7 @@ impl Navigator {
         let (start, cpu_start) = (Instant::now(), thread_cpu_time());
         let header = self.model.header();
         self.is_at_rest = false;
-        let view = View::new(camera, header, self.options.width, self.options.height)?;
+        let view = View::new(camera, header, self.options.width, self.options.height, &self.options.view)?;
         self.check_failure()?;
         self.paging.pool().begin_frame();
         let stands_still = self.last_camera == Some(*camera);
@@ -476,7 +480,7 @@ impl Navigator {
 
     /// Collects what is to be split and what to be collapsed; true if a collapse has to wait for a later frame.
     fn evaluate(&mut self, view: &View, threshold: f32) -> bool {
-        let (for_split, for_collapse) = tests(view, threshold);
+        let (for_split, for_collapse) = (view.splits(threshold), view.collapses(threshold));
         let (split_queue, collapse_queue) = (&mut self.split_queue, &mut self.collapse_queue);
         split_queue.clear();
         collapse_queue.clear();
@@ -498,7 +502,7 @@ impl Navigator {
     }
 
     fn collapse(&mut self, view: &View, threshold: f32, statistics: &mut FrameStatistics) {
-        let (_, for_collapse) = tests(view, threshold);
+        let for_collapse = view.collapses(threshold);
         let is_implicit = self.options.dependency == Dependency::Implicit;
         let front = &mut self.front;
         while let Some(born) = self.collapse_queue.next(|born, step| front.prefetch_for_collapse(born, step)) {
@@ -518,7 +522,7 @@ impl Navigator {
     }
 
     fn split(&mut self, view: &View, threshold: f32, statistics: &mut FrameStatistics) -> Result<(), NavigatorError> {
-        let (for_split, _) = tests(view, threshold);
+        let for_split = view.splits(threshold);
         let triangle_limit = self.triangle_limit();
         let queue = &mut self.split_queue;
         let mut window = Window::default();
@@ -643,11 +647,6 @@ impl Navigator {
         }
         largest
     }
-}
-
-/// The tests for splits and for collapses.
-fn tests(view: &View, threshold: f32) -> (Test, Test) {
-    (Test { view: *view, threshold }, Test { view: *view, threshold: threshold / HYSTERESIS })
 }
 
 /// The places of the bits that are set.

@@ -14,9 +14,12 @@ use storage::{Disk, FaultyDisk, MemoryDisk};
 use vdt::tree::{NO_SPLIT, Tree};
 
 use crate::check::{check, check_cut};
+use crate::evaluation::Test;
 use crate::testing::{self, Mesh, Random, SMALL_PAGES};
 use crate::view::{Sphere, View};
-use crate::{Camera, Dependency, FrameStatistics, Io, Navigator, NavigatorError, NavigatorOptions};
+use crate::{
+    Camera, Dependency, FrameStatistics, Io, Light, Navigator, NavigatorError, NavigatorOptions, ViewParameters,
+};
 
 fn open(disk: &dyn Disk) -> Arc<Model> {
     Arc::new(Model::open(disk, Path::new("model.vdt")).unwrap())
@@ -90,9 +93,9 @@ fn assert_are_applied_splits(navigator: &Navigator, tree: &Tree, pages_in_use: u
     assert_eq!(pages.len() as u64, pages_in_use);
 }
 
-/// The first leaves of active nodes, as `starts`, for the cut in which exactly the nodes are split whose error is above the threshold and whose ancestors'
-/// are.
-fn cut_by_criterion(tree: &Tree, view: &View, pixels: f32) -> Vec<u32> {
+/// The first leaves of active nodes, as `starts`, for the cut in which exactly the nodes are split that exceed a test and whose ancestors
+/// do.
+fn cut_by_criterion(tree: &Tree, test: &Test) -> Vec<u32> {
     let mut starts = Vec::new();
     for root in &tree.roots {
         let mut stack = vec![(root.start, root.split)];
@@ -101,7 +104,7 @@ fn cut_by_criterion(tree: &Tree, view: &View, pixels: f32) -> Vec<u32> {
                 let split = &tree.splits[split as usize];
                 let position = tree.positions[start as usize];
                 let sphere = Sphere { position, radius: split.radius, switch: split.switch, cone: split.cone };
-                view.pixel_error(&sphere) > pixels
+                test.is_exceeded(&sphere)
             };
             if is_split {
                 stack.push((start, tree.splits[split as usize].kept));
@@ -113,6 +116,13 @@ fn cut_by_criterion(tree: &Tree, view: &View, pixels: f32) -> Vec<u32> {
     }
     starts.sort_unstable();
     starts
+}
+
+fn views() -> impl Strategy<Value = ViewParameters> {
+    let lights = (prop::array::uniform3(0.1_f64..1.0), 1.0_f32..4.0)
+        .prop_map(|(direction, highlights)| Light { direction: direction.into(), highlights });
+    (any::<bool>(), any::<bool>(), 1.0_f32..4.0, prop::option::of(lights))
+        .prop_map(|(frustum, cones, silhouettes, light)| ViewParameters { frustum, cones, silhouettes, light })
 }
 
 fn meshes() -> impl Strategy<Value = Mesh> {
@@ -223,19 +233,20 @@ proptest! {
         blocking in blockings(),
         cameras in cameras(),
         pixels in 0.3..6.0_f32,
+        view in views(),
         io in prop_oneof![Just(Io::Sync), Just(Io::Thread)],
     ) {
         let disk = testing::disk_of(&tree, blocking);
         let model = open(&disk);
-        let options = NavigatorOptions { pixels, io, dependency: Dependency::None, ..options() };
+        let options = NavigatorOptions { pixels, io, view, dependency: Dependency::None, ..options() };
         let path = path(&model, &cameras);
-        let view = |camera: &Camera| View::new(camera, model.header(), options.width, options.height).unwrap();
+        let view = |camera: &Camera| View::new(camera, model.header(), options.width, options.height, &options.view).unwrap();
         let judged = testing::as_written(&tree, &model);
 
         let mut fresh = Navigator::open(model.clone(), options.clone()).unwrap();
         let statistics = fresh.run_until_settled(&path[0], 10_000).unwrap();
         prop_assert!(fresh.settled());
-        prop_assert_eq!(starts(&fresh), cut_by_criterion(&judged, &view(&path[0]), pixels));
+        prop_assert_eq!(starts(&fresh), cut_by_criterion(&judged, &view(&path[0]).splits(pixels)));
         prop_assert_eq!(statistics.threshold_factor, 1.0);
 
         // After a flight, between the cuts of the two thresholds of the hysteresis.
@@ -246,9 +257,9 @@ proptest! {
         fresh.run_until_settled(last, 10_000).unwrap();
         prop_assert!(fresh.settled());
         let found: HashSet<u32> = starts(&fresh).into_iter().collect();
-        let finer: HashSet<u32> = cut_by_criterion(&judged, &view(last), pixels / 1.05).into_iter().collect();
+        let finer: HashSet<u32> = cut_by_criterion(&judged, &view(last).collapses(pixels)).into_iter().collect();
         prop_assert!(found.is_subset(&finer));
-        prop_assert!(cut_by_criterion(&judged, &view(last), pixels).iter().all(|start| found.contains(start)));
+        prop_assert!(cut_by_criterion(&judged, &view(last).splits(pixels)).iter().all(|start| found.contains(start)));
     }
 
     /// Dependencies delay nothing for ever: what is to be split is split, with all that has to be split for it.
@@ -269,9 +280,9 @@ proptest! {
             navigator.run_until_settled(&camera, 10_000).unwrap();
             prop_assert!(navigator.settled());
             check(&navigator).unwrap();
-            let view = View::new(&camera, model.header(), options.width, options.height).unwrap();
+            let view = View::new(&camera, model.header(), options.width, options.height, &options.view).unwrap();
             let found: HashSet<u32> = starts(&navigator).into_iter().collect();
-            prop_assert!(cut_by_criterion(&judged, &view, pixels).iter().all(|start| found.contains(start)));
+            prop_assert!(cut_by_criterion(&judged, &view.splits(pixels)).iter().all(|start| found.contains(start)));
         }
     }
 
@@ -406,6 +417,8 @@ fn what_cannot_be_is_refused() {
     let refuse = |options| Navigator::open(model.clone(), options).unwrap_err().to_string();
     assert!(refuse(NavigatorOptions { pixels: -1.0, ..options() }).contains("-1 pixels"));
     assert!(refuse(NavigatorOptions { pixels: f32::NAN, ..options() }).contains("pixels"));
+    let view = ViewParameters { silhouettes: 0.0, ..ViewParameters::default() };
+    assert!(refuse(NavigatorOptions { view, ..options() }).contains("silhouettes cannot count 0 times"));
     assert!(refuse(NavigatorOptions { width: 0, ..options() }).contains("0x240"));
     assert!(refuse(NavigatorOptions { memory: 10, ..options() }).contains("run again with --memory"));
     let mut navigator = Navigator::open(model.clone(), options()).unwrap();

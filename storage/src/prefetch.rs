@@ -22,7 +22,8 @@ pub fn ask_for_large_pages<T>(list: &[std::mem::MaybeUninit<T>]) {
     {
         let bytes = size_of_val(list);
         let start = list.as_ptr() as usize;
-        let (first, end) = (start.next_multiple_of(LARGE_PAGE_BYTES), (start + bytes) / LARGE_PAGE_BYTES * LARGE_PAGE_BYTES);
+        let (first, end) =
+            (start.next_multiple_of(LARGE_PAGE_BYTES), (start + bytes) / LARGE_PAGE_BYTES * LARGE_PAGE_BYTES);
         if first < end {
             let pointer = (first as *mut T).cast();
             // SAFETY: the range lies inside of one allocation that lives, begins and ends at whole memory pages, and the advice

@@ -217,14 +217,28 @@ fn a_flight_in_figures() {
 #[test]
 fn options_of_a_flight() {
     let place = place_with_ball();
-    let triangles = |options: &str| {
-        let flown = place.json(&format!("navigate ball.vdt --path orbit:30 --io sync {options}"));
+    let triangles_along = |path: &str, options: &str| {
+        let flown = place.json(&format!("navigate ball.vdt --path {path}:30 --io sync {options}"));
         flown["triangles_mean"].as_f64().unwrap()
     };
+    let triangles = |options: &str| triangles_along("orbit", options);
     let usual = triangles("");
     assert!(triangles("--pixels 0.25") > usual && usual > triangles("--pixels 4"));
     assert!(triangles("--size 640x360") < usual);
     assert!(triangles("--dependency none") <= usual);
+    for finer in ["--no-cones", "--silhouettes 4", "--light -1,0,2 --highlights 8"] {
+        let count = triangles(finer);
+        assert!(count > usual, "{finer}: {count} of {usual}");
+    }
+    assert!(triangles_along("flyby", "--no-frustum") > triangles_along("flyby", ""));
+    for (wrong, says) in [
+        ("--silhouettes 0.5", "from 1 to 1000000"),
+        ("--light 1,1,1 --highlights none", "from 1 to 1000000"),
+        ("--light 0,0,0", "not a direction"),
+        ("--highlights 3", "--light"),
+    ] {
+        place.refuses(2, &format!("navigate ball.vdt --path orbit:30 {wrong}"), &[says]);
+    }
     let limited = place.json("navigate ball.vdt --path orbit:30 --io sync --max-triangles 150 --csv limited.csv");
     assert!(limited["triangles_mean"].as_f64().unwrap() <= 150.0);
     let (columns, rows) = read_csv(&String::from_utf8(place.read("limited.csv")).unwrap());

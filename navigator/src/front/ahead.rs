@@ -3,8 +3,8 @@
 //!
 //! Stars beyond their first line are left out.
 
-use storage::prefetch::prefetch;
 use super::{CHUNK, Front, NONE};
+use storage::prefetch::prefetch;
 
 impl Front {
     /// A step towards the split of the node at a vertex.

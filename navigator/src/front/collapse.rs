@@ -1,12 +1,13 @@
 //! Undoing a split.
 
-use super::{Birth, Front, Links, NO_SPLIT, NONE, Span};
+use super::{Birth, Front, Links, NONE, Span};
 
 impl Front {
     /// Collapses the two children of the node whose split bore `born`, which can be undone. `page` is the number of the page that
     /// its record is in.
     pub fn collapse(&mut self, born: u32, page: u32) {
-        let Birth { kept: vertex, previous, id, moved_by, radius, switch, cone, record, .. } = self.births[born as usize];
+        let Birth { kept: vertex, previous, id, moved_by, radius, switch, cone, record, .. } =
+            self.births[born as usize];
         let kept = vertex as usize;
         let Span { end, .. } = self.spans[born as usize];
 
@@ -34,8 +35,8 @@ impl Front {
 
         self.spans[kept] = Span { start, end, id, moved_by };
         self.links[kept] = Links { last: previous, star, page, record };
-        self.set_split(kept, [radius, switch], cone);
-        self.set_split(born as usize, [0.0, NO_SPLIT], 0);
+        self.set_split(kept, radius, switch, cone);
+        self.set_child(born as usize, None);
         self.set_collapse(vertex, previous);
         let above = self.births[kept].kept;
         if previous == NONE && above != NONE && self.links[above as usize].last == vertex {

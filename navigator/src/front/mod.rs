@@ -45,23 +45,25 @@ use metanode::header::ModelRoot;
 use metanode::page::{ChildEntry, NormalCone, Target};
 
 pub use self::changes::Changes;
-pub use self::numbers::CHUNK;
-pub use self::prepare::{Misfit, Prepared};
-pub use self::stars::{Entry, LINE_BYTES};
-pub use self::triangles::{TRIANGLE_BYTES, TRIANGLE_LIMIT};
 use self::numbers::Numbers;
-use storage::prefetch::ask_for_large_pages;
+pub use self::prepare::{Misfit, Prepared};
 use self::stars::Stars;
+pub use self::stars::{Entry, LINE_BYTES};
 use self::triangles::Triangles;
-use crate::evaluation::Criteria;
+pub use self::triangles::{TRIANGLE_BYTES, TRIANGLE_LIMIT};
+use crate::evaluation::{self, Criteria};
 use crate::view::Sphere;
+use storage::prefetch::ask_for_large_pages;
 
+/// Numbers of vertices in a chunk: those that are judged together.
+pub const CHUNK: usize = evaluation::BLOCK;
 /// "None" for vertices, lines and pages.
 pub const NONE: u32 = u32::MAX;
 /// The id of a collapse that there is not: later than everything.
 pub const NEVER: u32 = u32::MAX;
 /// Bytes that a vertex takes, without its star.
-pub const VERTEX_BYTES: usize = size_of::<Span>() + size_of::<Links>() + size_of::<Birth>() + POSITION_BYTES + CRITERIA_BYTES;
+pub const VERTEX_BYTES: usize =
+    size_of::<Span>() + size_of::<Links>() + size_of::<Birth>() + POSITION_BYTES + CRITERIA_BYTES;
 /// Bytes that a tree takes.
 pub const TREE_BYTES: usize = size_of::<u32>();
 const POSITION_BYTES: usize = size_of::<[f32; 4]>();
@@ -112,7 +114,7 @@ struct Birth {
     moved_by: u32,
     radius: f32,
     switch: f32,
-    cone: u32,
+    cone: NormalCone,
     /// Index of the record in its page.
     record: u16,
     /// Not to be undone before this time, in frames modulo 65536, if that is near.
@@ -128,7 +130,7 @@ const NO_BIRTH: Birth = Birth {
     moved_by: NEVER,
     radius: 0.0,
     switch: NO_COLLAPSE,
-    cone: 0,
+    cone: NormalCone::EVERYTHING,
     record: 0,
     not_before: 0,
 };
@@ -216,7 +218,7 @@ impl Front {
             front.spans[vertex] = Span { start: root.start, end: root.end, id: root.id, moved_by: NEVER };
             front.links[vertex] = Links { page: root.page.number, record: root.record, ..NO_LINKS };
             front.births[vertex] = NO_BIRTH;
-            front.set_split(vertex, [root.radius, root.switch], root.cone.to_word());
+            front.set_split(vertex, root.radius, root.switch, root.cone);
         }
         front
     }
@@ -329,8 +331,7 @@ impl Front {
     pub fn sphere_above(&self, born: u32) -> Sphere {
         let birth = &self.births[born as usize];
         let [x, y, z, _] = self.positions[birth.kept as usize];
-        let cone = NormalCone::from_word(birth.cone);
-        Sphere { position: [x, y, z], radius: birth.radius, switch: birth.switch, cone }
+        Sphere { position: [x, y, z], radius: birth.radius, switch: birth.switch, cone: birth.cone }
     }
 
     /// Positions and what decides about splits and collapses, for each 64 vertices. Places without a vertex, leaves, and vertices
@@ -441,7 +442,8 @@ impl Front {
         let (chunk, place) = (vertex as usize / CHUNK, vertex as usize % CHUNK);
         let (split, collapse) = (self.split_criteria[chunk].switch[place], self.collapse_criteria[chunk].switch[place]);
         let last = self.last_born(vertex);
-        let restored = if last != NONE && self.is_collapsible(last) { self.births[last as usize].switch } else { NO_COLLAPSE };
+        let restored =
+            if last != NONE && self.is_collapsible(last) { self.births[last as usize].switch } else { NO_COLLAPSE };
         if (split == NO_SPLIT) != self.is_leaf(vertex) {
             Err("a leaf is to be split, or a node never is")
         } else if collapse != restored {
@@ -497,7 +499,11 @@ impl Front {
             let corners = self.triangles.corners(last);
             let moved = self.triangles.add(corners, 0);
             for (place, vertex) in corners.into_iter().enumerate() {
-                self.stars.rename(self.links[vertex as usize].star, last << 2 | place as u32, moved << 2 | place as u32);
+                self.stars.rename(
+                    self.links[vertex as usize].star,
+                    last << 2 | place as u32,
+                    moved << 2 | place as u32,
+                );
             }
             self.triangles.remove(last);
         }
@@ -505,15 +511,17 @@ impl Front {
 
     /// A vertex with everything but its position still to be said.
     fn new_vertex(&mut self, near: u32, [x, y, z]: [f32; 3], normal: u32) -> usize {
-        let Some(vertex) = self.numbers.allocate(near) else { unreachable!("there are as many numbers as the capacity says") };
+        let Some(vertex) = self.numbers.allocate(near) else {
+            unreachable!("there are as many numbers as the capacity says")
+        };
         if vertex as usize >= self.positions.len() {
             let bound = self.numbers.chunks() * CHUNK;
             self.spans.resize(bound, Span::default());
             self.links.resize(bound, NO_LINKS);
             self.births.resize(bound, NO_BIRTH);
             self.positions.resize(bound, [0.0; 4]);
-            self.split_criteria.resize(self.numbers.chunks(), Criteria::all(NO_SPLIT));
-            self.collapse_criteria.resize(self.numbers.chunks(), Criteria::all(NO_COLLAPSE));
+            self.split_criteria.resize(self.numbers.chunks(), Criteria::vacant(NO_SPLIT));
+            self.collapse_criteria.resize(self.numbers.chunks(), Criteria::vacant(NO_COLLAPSE));
         }
         self.positions[vertex as usize] = [x, y, z, f32::from_bits(normal)];
         self.changes.note(vertex);
@@ -522,8 +530,17 @@ impl Front {
 
     /// What decides about the split of the node at a vertex.
     #[inline]
-    fn set_split(&mut self, vertex: usize, of: [f32; 2], cone: u32) {
-        self.split_criteria[vertex / CHUNK].set(vertex % CHUNK, of, cone);
+    fn set_split(&mut self, vertex: usize, radius: f32, switch: f32, cone: NormalCone) {
+        self.split_criteria[vertex / CHUNK].set(vertex % CHUNK, radius, switch, cone);
+    }
+
+    /// The same for a child that was just born or kept; `None` for a leaf.
+    #[inline]
+    fn set_child(&mut self, vertex: usize, entry: Option<&ChildEntry>) {
+        match entry {
+            Some(entry) => self.set_split(vertex, entry.radius, entry.switch, entry.cone),
+            None => self.set_split(vertex, 0.0, NO_SPLIT, NormalCone::EVERYTHING),
+        }
     }
 
     /// What decides about the collapse into a vertex: that of the split which bore `born`, if that one can be undone.
@@ -533,7 +550,7 @@ impl Front {
         let criteria = &mut self.collapse_criteria[chunk];
         if born != NONE && self.links[born as usize].last == NONE {
             let Birth { radius, switch, cone, .. } = self.births[born as usize];
-            criteria.set(place, [radius, switch], cone);
+            criteria.set(place, radius, switch, cone);
         } else {
             criteria.switch[place] = NO_COLLAPSE;
         }
@@ -542,11 +559,6 @@ impl Front {
 
 /// The corner after one.
 const NEXT: [usize; 3] = [1, 2, 0];
-
-/// Radius, switch value and cone of a child; those of no node to be split for a leaf.
-fn criteria_of(entry: Option<&ChildEntry>) -> ([f32; 2], u32) {
-    entry.map_or(([0.0, NO_SPLIT], 0), |entry| ([entry.radius, entry.switch], entry.cone.to_word()))
-}
 
 /// Index of the record of a child in its page.
 fn record_of(entry: Option<&ChildEntry>) -> u16 {

@@ -7,8 +7,7 @@
 //!
 //! Memory: two bits for each number.
 
-/// Numbers in a chunk.
-pub const CHUNK: usize = 64;
+use super::CHUNK;
 
 /// Which numbers are free.
 #[derive(Debug)]
@@ -131,7 +130,12 @@ mod tests {
                 match numbers.allocate(near) {
                     Some(number) => {
                         assert!(taken.insert(number) && (number as usize) < 256);
-                        assert!(!has_near || near as usize / 64 >= numbers.chunks() || number / 64 == near / 64 || taken.len() <= 64 * numbers.chunks());
+                        assert!(
+                            !has_near
+                                || near as usize / 64 >= numbers.chunks()
+                                || number / 64 == near / 64
+                                || taken.len() <= 64 * numbers.chunks()
+                        );
                     }
                     None => assert_eq!(taken.len(), 256),
                 }
@@ -154,6 +158,9 @@ mod tests {
         (0..192).for_each(|number| assert_eq!(numbers.allocate(0), Some(number)));
         assert_eq!(numbers.allocate(0), None);
         [3, 70, 130].into_iter().for_each(|number| numbers.release(number));
-        assert_eq!([numbers.allocate(129), numbers.allocate(128), numbers.allocate(128)], [Some(130), Some(3), Some(70)]);
+        assert_eq!(
+            [numbers.allocate(129), numbers.allocate(128), numbers.allocate(128)],
+            [Some(130), Some(3), Some(70)]
+        );
     }
 }

@@ -1,8 +1,8 @@
 //! Applying a split.
 
-use metanode::page::Page;
+use metanode::page::{NormalCone, Page};
 
-use super::{Birth, CHUNK, Entry, Front, Links, NONE, NO_BIRTH, NO_LINKS, Prepared, Span, criteria_of, record_of};
+use super::{Birth, CHUNK, Entry, Front, Links, NO_BIRTH, NO_LINKS, NONE, Prepared, Span, record_of};
 
 impl Front {
     /// Applies the split that was prepared last, with nothing changed in between and with [`Front::has_room`]. `slot` is the
@@ -48,30 +48,18 @@ impl Front {
 
         let (chunk, place) = (kept / CHUNK, kept % CHUNK);
         let of_node = &self.split_criteria[chunk];
-        let (radius, switch, cone) = (of_node.radius[place], of_node.switch[place], of_node.cone[place]);
-        self.births[born] = Birth {
-            kept: vertex,
-            previous: last,
-            slot,
-            id,
-            moved_by,
-            radius,
-            switch,
-            cone,
-            record: index,
-            ..NO_BIRTH
-        };
+        let (radius, switch) = (of_node.radius[place], of_node.switch[place]);
+        let cone = NormalCone::from_word(of_node.cone[place]);
+        self.births[born] =
+            Birth { kept: vertex, previous: last, slot, id, moved_by, radius, switch, cone, record: index, ..NO_BIRTH };
         let (kept_entry, born_entry) = (record.kept.as_ref(), record.born.as_ref());
         let id_of = |entry: Option<&metanode::page::ChildEntry>| entry.map_or(0, |entry| entry.id);
         self.spans[kept] = Span { start, end: middle, id: id_of(kept_entry), moved_by: kept_moved_by };
         self.spans[born] = Span { start: middle, end, id: id_of(born_entry), moved_by: id };
-        self.links[kept] =
-            Links { last: born as u32, star: kept_star, page: kept_page, record: record_of(kept_entry) };
+        self.links[kept] = Links { last: born as u32, star: kept_star, page: kept_page, record: record_of(kept_entry) };
         self.links[born] = Links { star: born_star, page: born_page, record: record_of(born_entry), ..NO_LINKS };
-        let (criteria, cone) = criteria_of(kept_entry);
-        self.set_split(kept, criteria, cone);
-        let (criteria, cone) = criteria_of(born_entry);
-        self.set_split(born, criteria, cone);
+        self.set_child(kept, kept_entry);
+        self.set_child(born, born_entry);
         self.set_collapse(vertex, born as u32);
         self.set_collapse(born as u32, NONE);
         let above = self.births[kept].kept;

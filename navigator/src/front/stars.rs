@@ -229,7 +229,8 @@ mod tests {
                         stars.push(if entry.leaf < 50 { &mut near } else { &mut far }, entry);
                     });
                     (heads[star], heads[other]) = (near, far);
-                    let (near, far): (Vec<_>, Vec<_>) = lists[star].iter().partition(|entry: &&(u32, u32)| entry.1 < 50);
+                    let (near, far): (Vec<_>, Vec<_>) =
+                        lists[star].iter().partition(|entry: &&(u32, u32)| entry.1 < 50);
                     lists[star] = near;
                     lists[other].extend(far);
                 }

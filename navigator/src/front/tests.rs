@@ -97,7 +97,7 @@ fn gaps_are_closed() {
     let (before, gaps) = (state(&front), front.corners().len() - front.triangle_count());
     front.close_gaps(3);
     let (_, changed) = front.changes();
-    assert!(changed.any());
+    assert!(changed.ranges(0).next().is_some());
     front.close_gaps(usize::MAX);
     assert!(state(&front) == before);
     let left = front.corners().len() - front.triangle_count();

@@ -5,8 +5,9 @@
 //!
 //! Memory: 12 bytes and three bits for each place.
 
+use super::CHUNK;
 use super::changes::Changes;
-use super::numbers::{CHUNK, Numbers};
+use super::numbers::Numbers;
 
 /// Bytes that a triangle takes.
 pub const TRIANGLE_BYTES: usize = size_of::<[u32; 3]>();
@@ -74,7 +75,9 @@ impl Triangles {
     /// Adds a triangle with three distinct corners, where there is room: at best beside `near`.
     #[inline]
     pub fn add(&mut self, corners: [u32; 3], near: u32) -> u32 {
-        let Some(triangle) = self.numbers.allocate(near) else { unreachable!("there are as many places as the capacity says") };
+        let Some(triangle) = self.numbers.allocate(near) else {
+            unreachable!("there are as many places as the capacity says")
+        };
         if triangle as usize >= self.corners.len() {
             self.corners.resize(self.numbers.chunks() * CHUNK, VACANT);
         }
