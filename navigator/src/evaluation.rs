@@ -27,8 +27,8 @@
 //!   test above, for the cone and for the cone turned round.
 //! - *Highlight.* From a point `p`, the direction half-way between those to the eye and to the light `l` is that of
 //!   `g = |p| l - p`, which moves by no more than `2 r` over the sphere. Some normal may be within the angle `h` of it
-//!   where `u.g + 4 r >= cos(a + h) * |g|`, with `g` of the centre; always, where the cone reaches 90 degrees. For a
-//!   sphere inside, each side changes by no more than twice what `r` does.
+//!   where `u` is within `a + h + asin(2 r / |g|)` of `g` of the centre; always, where the cone reaches 90 degrees or
+//!   `2 r` most of `|g|`. Balls about `g` nest as the spheres do, so what is in reach for a node is for its ancestors.
 //!
 //! All of it is sums, products, square roots and selections of single precision, in a fixed order and with no fused
 //! operation. So a node's result has the same bits alone and in a block, whatever the width of the machine's vectors, and
@@ -49,6 +49,9 @@ const MOST_RATIO: f64 = (1_u64 << 60) as f64;
 
 /// More than what rounding makes of a sine or a length: tests say "may" rather.
 const ROUNDING: f32 = 1e-5;
+
+/// The square of what part of `|g|` `2 r` may be: all angles together stay below 180 degrees.
+const MOST_DRIFT: f32 = 0.8;
 
 /// What the errors of a block of nodes depend on, but for their positions.
 #[derive(Debug, Clone, PartialEq)]
@@ -290,10 +293,14 @@ impl Criterion {
             let half_way = [x * length - view[0], y * length - view[1], z * length - view[2]];
             let axis_length = axis_square.sqrt();
             let cosine = larger(1.0 - sine * sine, 0.0).sqrt();
-            let widest = self.shine[0] * cosine - self.shine[1] * sine;
-            let slack = 4.0 * radius + ROUNDING * reach;
-            let far = widest * dot(half_way, half_way).sqrt() - slack;
-            let is_lit = (dot(axis, half_way) >= far * axis_length) | (sine > 1.0);
+            let (spread_cosine, spread_sine) =
+                (self.shine[0] * cosine - self.shine[1] * sine, self.shine[1] * cosine + self.shine[0] * sine);
+            let drift = 2.0 * (radius + ROUNDING * reach);
+            let (half_way_square, drift_square) = (dot(half_way, half_way), drift * drift);
+            let tangent = larger(half_way_square - drift_square, 0.0).sqrt();
+            let least = spread_cosine * tangent - spread_sine * drift;
+            let is_anywhere = (sine > 1.0) | (drift_square > MOST_DRIFT * half_way_square);
+            let is_lit = (dot(axis, half_way) >= least * axis_length) | is_anywhere;
             finer = larger(finer, 1.0 + select(is_lit, self.highlight, 0.0));
         }
         Weighed { weight: node.switch * self.unit * (share * finer), room: distance * reach }
