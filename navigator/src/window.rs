@@ -1,7 +1,7 @@
 //! The changes that are next: while one is made, what the ones behind it will look at is fetched, in steps.
 
 /// Steps in which a change is fetched.
-const STEPS: usize = 4;
+const STEPS: usize = 5;
 /// How many changes lie between one step and the next.
 const APART: usize = 4;
 /// Changes in the window.

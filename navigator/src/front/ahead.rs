@@ -3,7 +3,7 @@
 //!
 //! Stars beyond their first line are left out.
 
-use super::{CHUNK, Front, NONE};
+use super::{CHUNK, Front, NEXT, NONE};
 use storage::prefetch::prefetch;
 
 impl Front {
@@ -21,7 +21,8 @@ impl Front {
                 self.prefetch_criteria(vertex);
             }
             2 => self.prefetch_triangles(vertex),
-            _ => self.prefetch_ring(vertex),
+            3 => self.prefetch_ring(vertex),
+            _ => self.prefetch_stars(vertex),
         }
     }
 
@@ -51,7 +52,8 @@ impl Front {
                 }
                 self.prefetch_triangles(born);
             }
-            _ => self.prefetch_ring(born),
+            3 => self.prefetch_ring(born),
+            _ => self.prefetch_stars(born),
         }
     }
 
@@ -73,12 +75,25 @@ impl Front {
         }
     }
 
-    fn prefetch_ring(&self, vertex: u32) {
-        for corner in self.stars.first_corners(self.links[vertex as usize].star) {
+    /// The vertices around one: each comes after it in one triangle of a closed ring.
+    fn ring(&self, vertex: u32) -> impl Iterator<Item = u32> + '_ {
+        self.stars.first_corners(self.links[vertex as usize].star).iter().map(|corner| {
+            // What was fetched a while ago may have changed since, but there is always something.
             let corners = self.triangles.list().get((corner >> 2) as usize).copied().unwrap_or_default();
-            let next = corners[super::NEXT[(corner & 3) as usize]] as usize;
-            prefetch(&self.spans, next);
-            prefetch(&self.links, next);
+            corners[NEXT[(corner & 3) as usize]]
+        })
+    }
+
+    fn prefetch_ring(&self, vertex: u32) {
+        for next in self.ring(vertex) {
+            prefetch(&self.spans, next as usize);
+            prefetch(&self.links, next as usize);
+        }
+    }
+
+    fn prefetch_stars(&self, vertex: u32) {
+        for next in self.ring(vertex) {
+            self.stars.prefetch(self.links[next as usize].star);
         }
     }
 }

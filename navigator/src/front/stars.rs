@@ -6,12 +6,16 @@
 //!
 //! Memory: 64 bytes for each line, of which a vertex has about 1.25.
 
+use storage::prefetch::prefetch;
+
 use super::NONE;
 
 /// Corners in a line.
 const CORNERS: usize = 7;
-/// Bytes of a line.
-pub const LINE_BYTES: usize = size_of::<Line>();
+/// Bytes of a line, with its place in the list of free ones.
+pub const LINE_BYTES: usize = size_of::<Line>() + size_of::<u32>();
+/// How many free lines ahead one is fetched before it is used.
+const SOON: usize = 4;
 
 /// A corner of a triangle at a vertex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,7 +44,7 @@ struct Line {
     corners: [u32; CORNERS],
     leaves: [u32; CORNERS],
     count: u32,
-    /// The next line of the star, or the next free line.
+    /// The next line of the star.
     next: u32,
 }
 
@@ -50,24 +54,25 @@ const EMPTY_LINE: Line = Line { corners: [0; CORNERS], leaves: [0; CORNERS], cou
 #[derive(Debug)]
 pub struct Stars {
     lines: Vec<Line>,
-    free: u32,
-    used: usize,
+    /// Free lines, the one freed last at the end. A list through the lines themselves would have to wait for them.
+    free: Vec<u32>,
+    most: usize,
 }
 
 impl Stars {
     /// Room for `most` lines.
     pub fn new(most: usize) -> Self {
-        Stars { lines: Vec::with_capacity(most), free: NONE, used: 0 }
+        Stars { lines: super::list(most), free: super::list(most), most }
     }
 
     /// Lines that are free.
     pub fn room(&self) -> usize {
-        self.lines.capacity() - self.used
+        self.most - self.used()
     }
 
     /// Lines in use.
     pub fn used(&self) -> usize {
-        self.used
+        self.lines.len() - self.free.len()
     }
 
     /// Lines that may be needed more to split a star in two and to add so many triangles, each to both and to one other star.
@@ -76,16 +81,17 @@ impl Stars {
     }
 
     fn new_line(&mut self, next: u32) -> u32 {
-        self.used += 1;
-        match self.free {
-            NONE => {
+        match self.free.pop() {
+            None => {
                 self.lines.push(Line { next, ..EMPTY_LINE });
                 (self.lines.len() - 1) as u32
             }
-            line => {
+            Some(line) => {
                 let entry = &mut self.lines[line as usize];
-                self.free = entry.next;
                 (entry.count, entry.next) = (0, next);
+                if let Some(soon) = self.free.len().checked_sub(SOON) {
+                    prefetch(&self.lines, self.free[soon] as usize);
+                }
                 line
             }
         }
@@ -93,8 +99,8 @@ impl Stars {
 
     /// Frees a line and says which one follows it.
     fn free_line(&mut self, line: u32) -> u32 {
-        self.used -= 1;
-        std::mem::replace(&mut self.lines[line as usize].next, std::mem::replace(&mut self.free, line))
+        self.free.push(line);
+        self.lines[line as usize].next
     }
 
     /// Adds a corner to a star.
@@ -182,7 +188,7 @@ impl Stars {
     /// Fetches the first line of a star into the cache.
     #[inline]
     pub fn prefetch(&self, star: u32) {
-        storage::prefetch::prefetch(&self.lines, star as usize);
+        prefetch(&self.lines, star as usize);
     }
 
     /// The corners in the first line of a star: those that can be looked at without waiting, once it was prefetched.
@@ -199,7 +205,7 @@ mod tests {
 
     #[test]
     fn a_line_is_a_cache_line() {
-        assert_eq!((LINE_BYTES, align_of::<Line>()), (64, 64));
+        assert_eq!((size_of::<Line>(), align_of::<Line>()), (64, 64));
     }
 
     /// Stars against lists, in random changes.
