@@ -514,6 +514,9 @@ pub struct NavigateOptions {
     /// Draw at most so many triangles.
     #[arg(long)]
     pub max_triangles: Option<u64>,
+    /// Make at most so many splits and collapses in a frame, the most visible first; the rest waits for the next. 0: no limit.
+    #[arg(long, default_value_t = navigator::MAX_ADAPTS)]
+    pub max_adapts: u64,
     /// How pages are read.
     #[arg(long, value_enum, default_value_t = IoName::Thread)]
     pub io: IoName,

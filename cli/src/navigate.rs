@@ -17,7 +17,7 @@ use crate::progress::Progress;
 use crate::statement::why_not_guaranteed;
 
 /// The first line of the CSV file: the fields of [`FrameStatistics`].
-const CSV_HEADER: &str = "frame,triangles,vertices,splits,collapses,requests,misses,blocked,forced,over_budget,\
+const CSV_HEADER: &str = "frame,triangles,vertices,splits,collapses,requests,misses,blocked,forced,over_budget,postponed,\
 threshold_factor,error_stated,guaranteed,vanished_parts,pages_in_use,reads,bytes_read,second_chances,urgent,prefetch_given_up,frame_ms,cpu_ms\n";
 
 pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
@@ -47,6 +47,7 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
             DependencyName::None => Dependency::None,
         },
         max_triangles: options.max_triangles,
+        max_adapts: (options.max_adapts > 0).then_some(options.max_adapts),
         io: match options.io {
             IoName::Thread => Io::Thread,
             IoName::Sync => Io::Sync,
@@ -107,6 +108,7 @@ fn csv_line(frame: &FrameStatistics) -> String {
         blocked,
         forced,
         over_budget,
+        postponed,
         threshold_factor,
         error_stated,
         guaranteed,
@@ -121,7 +123,7 @@ fn csv_line(frame: &FrameStatistics) -> String {
         prefetch_given_up,
     } = frame;
     format!(
-        "{frame},{triangles},{vertices},{splits},{collapses},{requests},{misses},{blocked},{forced},{over_budget},\
+        "{frame},{triangles},{vertices},{splits},{collapses},{requests},{misses},{blocked},{forced},{over_budget},{postponed},\
          {threshold_factor},{error_stated},{},{vanished_parts},{pages_in_use},{reads},{bytes_read},{second_chances},{urgent},\
          {prefetch_given_up},{frame_ms:.3},{cpu_ms:.3}\n",
         u8::from(*guaranteed)
@@ -148,6 +150,13 @@ fn report(
     );
     report.line("adapts", format!("{} splits and collapses in a frame", grouped(summary.adapts_mean() as u64)));
     report.line("misses", format!("{:.2} % of the requests", summary.miss_percent()));
+    if summary.postponed > 0 {
+        let most = grouped(options.max_adapts);
+        report.line(
+            "postponed",
+            format!("{} wishes, because a frame makes at most {most} changes", grouped(summary.postponed)),
+        );
+    }
     report.line(
         "frame time",
         format!(
@@ -210,6 +219,7 @@ fn to_json(
         "triangles_mean": summary.triangles_mean(),
         "adapts_mean": summary.adapts_mean(),
         "miss_percent": summary.miss_percent(),
+        "postponed": summary.postponed,
         "frame_ms_mean": summary.frame_ms_mean(),
         "frame_ms_p50": summary.frame_ms_percentile(50.0),
         "frame_ms_p99": summary.frame_ms_percentile(99.0),

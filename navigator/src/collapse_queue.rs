@@ -60,6 +60,12 @@ impl CollapseQueue {
         (self.begun, self.window, self.head) = (0, Window::default(), None);
     }
 
+    /// Splits in it.
+    pub fn len(&self) -> usize {
+        let found = self.found.len().saturating_sub(self.begun) + self.window.len();
+        found + usize::from(self.head.is_some()) + self.follows.len()
+    }
+
     /// Adds a split to be undone, whose node has this id. False where there are too many.
     pub fn add(&mut self, id: u32, born: u32) -> bool {
         let fits = self.found.len() < self.most;
@@ -90,8 +96,9 @@ impl CollapseQueue {
             let (found, begun) = (&self.found, &mut self.begun);
             let more = || {
                 let index = *begun;
+                found.get(index)?;
                 *begun += 1;
-                found.get(index).map(|_| index as u32)
+                Some(index as u32)
             };
             let mut fetch = fetch;
             let next = self.window.next(more, |index, step| fetch(found[index as usize] as u32, step));
@@ -104,5 +111,44 @@ impl CollapseQueue {
         };
         let key = if is_first { self.head.take() } else { self.follows.pop().map(|key| key.0) };
         key.map(|key| key as u32)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::Random;
+
+    /// Whatever is found and whatever follows, with larger ids than what it follows: the ids rise.
+    #[test]
+    fn ids_rise() {
+        let mut random = Random(5);
+        let mut queue = CollapseQueue::new(1000);
+        for round in 0..20 {
+            queue.clear();
+            let count = random.below(300);
+            let mut expected: Vec<u32> = (0..count).map(|_| random.below(1000) as u32).collect();
+            expected.iter().for_each(|id| assert!(queue.add(*id, *id + 5)));
+            queue.sort();
+            let mut order = Vec::new();
+            while let Some(born) = queue.next(|_, _| ()) {
+                order.push(born - 5);
+                if random.below(3) == 0 {
+                    let later = born - 5 + random.below(500) as u32;
+                    assert!(queue.follow(later, later + 5));
+                    expected.push(later);
+                }
+                assert_eq!(queue.len(), expected.len() - order.len());
+            }
+            expected.sort_unstable();
+            assert!(order == expected, "round {round}");
+        }
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let mut queue = CollapseQueue::new(8);
+        assert_eq!((0..9).filter(|id| queue.add(*id, 0)).count(), 5);
+        assert_eq!((0..9).filter(|id| queue.follow(*id, 0)).count(), 5);
     }
 }

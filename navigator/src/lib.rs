@@ -52,7 +52,9 @@ pub use camera::Camera;
 pub use dependency::Dependency;
 pub use front::Misfit;
 pub use io_process::Io;
-pub use navigator::{ActiveNode, ActiveTriangle, AppliedSplit, Navigator, NavigatorError, NavigatorOptions};
+pub use navigator::{
+    ActiveNode, ActiveTriangle, AppliedSplit, MAX_ADAPTS, Navigator, NavigatorError, NavigatorOptions,
+};
 pub use path::PathSpec;
 pub use statistics::{FlightSummary, FrameStatistics};
 pub use view_parameters::{Light, ViewParameters, ViewParametersError};

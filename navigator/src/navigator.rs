@@ -57,6 +57,8 @@ const KEEP_OFF: f32 = 1.05;
 const LEAST_RAISED_PIXELS: f32 = 0.01;
 /// How many frames in which pages found no room count as a limit, while the camera stands still.
 const STARVED_FRAMES: u32 = 2 * HOLD_FRAMES;
+/// Most splits and collapses in a frame, if nothing else is said: they take 5 to 10 ms.
+pub const MAX_ADAPTS: u64 = 16_000;
 /// Most triangles that a frame moves to gaps in their list.
 const GAPS_CLOSED: usize = 64;
 /// How long a navigator that is to settle waits for the I/O process at a time.
@@ -79,6 +81,9 @@ pub struct NavigatorOptions {
     pub dependency: Dependency,
     /// Most triangles to be drawn.
     pub max_triangles: Option<u64>,
+    /// Most splits and collapses in a frame: what is left waits for the next, the most visible goes first. So a jump of the
+    /// camera takes some frames, but none of them much longer than the others.
+    pub max_adapts: Option<u64>,
     /// How the I/O process runs.
     pub io: Io,
     /// Whether parents and children of pages in use are prefetched.
@@ -88,7 +93,7 @@ pub struct NavigatorOptions {
 }
 
 impl Default for NavigatorOptions {
-    /// 16 MiB, one pixel at 1920 × 1080, all as in the paper.
+    /// 16 MiB, one pixel at 1920 × 1080, all as in the paper, at most [`MAX_ADAPTS`] changes in a frame.
     fn default() -> Self {
         NavigatorOptions {
             memory: 16 << 20,
@@ -98,6 +103,7 @@ impl Default for NavigatorOptions {
             view: ViewParameters::default(),
             dependency: Dependency::Implicit,
             max_triangles: None,
+            max_adapts: Some(MAX_ADAPTS),
             io: Io::Thread,
             prefetch: true,
             second_chance: true,
@@ -265,6 +271,12 @@ impl Navigator {
     ///
     /// After an error the front is still that of a cut, and the next frame goes on from there.
     pub fn frame(&mut self, camera: &Camera) -> Result<FrameStatistics, NavigatorError> {
+        self.frame_with(camera, self.options.max_adapts)
+    }
+
+    /// A frame with at most so many changes.
+    fn frame_with(&mut self, camera: &Camera, max_adapts: Option<u64>) -> Result<FrameStatistics, NavigatorError> {
+        let max_adapts = max_adapts.unwrap_or(u64::MAX);
         let (start, cpu_start) = (Instant::now(), thread_cpu_time());
         let header = self.model.header();
         self.is_at_rest = false;
@@ -286,8 +298,8 @@ impl Navigator {
 
         let threshold = self.threshold();
         let waits = self.evaluate(&view, threshold);
-        self.collapse(&view, threshold, &mut statistics);
-        self.split(&view, threshold, &mut statistics)?;
+        self.collapse(&view, threshold, max_adapts, &mut statistics);
+        self.split(&view, threshold, max_adapts, &mut statistics)?;
         self.check_failure()?;
         self.front.close_gaps(GAPS_CLOSED);
 
@@ -303,7 +315,10 @@ impl Navigator {
             statistics.over_budget += 1;
         }
         self.adjust_threshold(camera, statistics.over_budget > 0);
-        self.is_at_rest = statistics.requests == 0 && !waits && self.threshold_factor == statistics.threshold_factor;
+        self.is_at_rest = statistics.requests == 0
+            && statistics.postponed == 0
+            && !waits
+            && self.threshold_factor == statistics.threshold_factor;
         statistics.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         statistics.cpu_ms = (thread_cpu_time() - cpu_start).as_secs_f64() * 1e3;
         let largest_switch = self.error_in(&view);
@@ -315,15 +330,15 @@ impl Navigator {
     }
 
     /// Runs frames with this camera until nothing changes any more, but no more than `max_frames`; the last frame's
-    /// statistics. Waits for the I/O process in between.
+    /// statistics. They make as many changes as they find, and wait for the I/O process in between.
     pub fn run_until_settled(&mut self, camera: &Camera, max_frames: u64) -> Result<FrameStatistics, NavigatorError> {
-        let mut statistics = self.frame(camera)?;
+        let mut statistics = self.frame_with(camera, None)?;
         for _ in 1..max_frames {
             if self.settled() {
                 break;
             }
             self.paging.board().wait_until_idle(LONGEST_WAIT);
-            statistics = self.frame(camera)?;
+            statistics = self.frame_with(camera, None)?;
         }
         Ok(statistics)
     }
@@ -488,8 +503,7 @@ impl Navigator {
         let mut waits = false;
         for (first, (positions, of_split, of_collapse)) in (0_u32..).step_by(CHUNK).zip(front.blocks()) {
             for place in bits(for_split.exceeding(positions, of_split)) {
-                let error = view.pixel_error(&front.sphere(first + place));
-                split_queue.push(first + place, error / threshold);
+                split_queue.push(first + place, for_split.error(&front.sphere(first + place)) / threshold);
             }
             for place in bits(!for_collapse.exceeding(positions, of_collapse)) {
                 let born = front.last_born(first + place);
@@ -501,11 +515,16 @@ impl Navigator {
         waits
     }
 
-    fn collapse(&mut self, view: &View, threshold: f32, statistics: &mut FrameStatistics) {
+    fn collapse(&mut self, view: &View, threshold: f32, max_adapts: u64, statistics: &mut FrameStatistics) {
         let for_collapse = view.collapses(threshold);
         let is_implicit = self.options.dependency == Dependency::Implicit;
+        // Splits may have half of what a frame can do, or all that collapses leave.
+        let splits = self.split_queue.len() as u64;
+        let most = max_adapts - splits.min(max_adapts / 2);
         let front = &mut self.front;
-        while let Some(born) = self.collapse_queue.next(|born, step| front.prefetch_for_collapse(born, step)) {
+        while statistics.collapses < most
+            && let Some(born) = self.collapse_queue.next(|born, step| front.prefetch_for_collapse(born, step))
+        {
             if is_implicit && dependency::collapse_is_blocked(front, born) {
                 statistics.blocked += 1;
                 continue;
@@ -519,11 +538,19 @@ impl Navigator {
                 self.collapse_queue.follow(front.id_above(above), above);
             }
         }
+        statistics.postponed += self.collapse_queue.len() as u64;
     }
 
-    fn split(&mut self, view: &View, threshold: f32, statistics: &mut FrameStatistics) -> Result<(), NavigatorError> {
+    fn split(
+        &mut self,
+        view: &View,
+        threshold: f32,
+        max_adapts: u64,
+        statistics: &mut FrameStatistics,
+    ) -> Result<(), NavigatorError> {
         let for_split = view.splits(threshold);
         let triangle_limit = self.triangle_limit();
+        let most = max_adapts.saturating_sub(statistics.collapses);
         let queue = &mut self.split_queue;
         let mut window = Window::default();
         let mut refiner = Refiner {
@@ -534,8 +561,9 @@ impl Navigator {
             triangle_limit,
             now: self.patience_clock,
         };
-        while let Some(vertex) =
-            window.next(|| queue.pop(), |vertex, step| refiner.front.prefetch_for_split(vertex, step))
+        while statistics.splits < most
+            && let Some(vertex) =
+                window.next(|| queue.pop(), |vertex, step| refiner.front.prefetch_for_split(vertex, step))
         {
             // Forced before, or undone since.
             let is_wish = refiner.front.is_vertex(vertex)
@@ -548,8 +576,7 @@ impl Navigator {
             for born in refiner.born() {
                 let front = &refiner.front;
                 for child in [front.kept(born), born].into_iter().filter(|child| !front.is_leaf(*child)) {
-                    let error = view.pixel_error(&front.sphere(child));
-                    if error > threshold {
+                    if let Some(error) = for_split.exceeded(&front.sphere(child)) {
                         queue.push(child, error / threshold);
                     }
                 }
@@ -566,11 +593,12 @@ impl Navigator {
                 Outcome::PoolFull => statistics.over_budget += 1,
                 Outcome::FrontFull => {
                     // It is full for the others too.
-                    statistics.over_budget += 1 + queue.len() as u64;
-                    break;
+                    statistics.over_budget += 1 + (window.len() + queue.len()) as u64;
+                    return Ok(());
                 }
             }
         }
+        statistics.postponed += (window.len() + queue.len()) as u64;
         Ok(())
     }
 

@@ -25,6 +25,8 @@ pub struct FrameStatistics {
     pub forced: u64,
     /// Nodes that were to be split, but a limit was reached: nodes, triangles or place holders.
     pub over_budget: u64,
+    /// Nodes that were to be split or collapsed, but the frame had made all the changes that one may make.
+    pub postponed: u64,
     /// By how much the pixel threshold is raised at the moment because of such limits.
     pub threshold_factor: f32,
     /// Largest error of an active node that can be in the picture, in mesh units: its switch value and the input error. So
@@ -71,6 +73,8 @@ pub struct FlightSummary {
     adapts: u64,
     misses: u64,
     requests: u64,
+    /// Wishes that waited for the next frame because one may not make more changes.
+    pub postponed: u64,
     cpu_ms: f64,
     frame_ms: Vec<f64>,
     /// Frames whose stated error is proven.
@@ -100,6 +104,7 @@ impl FlightSummary {
         self.adapts += frame.splits + frame.collapses;
         self.misses += frame.misses;
         self.requests += frame.requests;
+        self.postponed += frame.postponed;
         self.cpu_ms += frame.cpu_ms;
         self.frame_ms.push(frame.frame_ms);
         self.reads += frame.reads;

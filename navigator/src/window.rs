@@ -17,6 +17,11 @@ pub struct Window {
 }
 
 impl Window {
+    /// Changes in it.
+    pub fn len(&self) -> usize {
+        self.put - self.taken
+    }
+
     /// The next change. `more` gives those that come in behind; `fetch` makes a step of a change.
     #[inline]
     pub fn next(&mut self, mut more: impl FnMut() -> Option<u32>, mut fetch: impl FnMut(u32, usize)) -> Option<u32> {

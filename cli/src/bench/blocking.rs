@@ -217,6 +217,7 @@ fn measure(options: &BlockingBenchOptions, model: Model, cameras: &[Camera]) -> 
         pixels: options.pixels,
         width: options.size.width,
         height: options.size.height,
+        max_adapts: None,
         ..NavigatorOptions::default()
     };
     // The one that may be refused goes first.
