@@ -8,18 +8,21 @@
 use std::path::PathBuf;
 
 use metanode::model::Model;
-use metanode::page::{Page, PageLocation};
-use parking_lot::RwLockReadGuard;
+use metanode::page::{ENTRY_WORDS, PageLocation, RECORD_WORDS, TRIANGLE_WORDS};
 use thiserror::Error;
 
+use crate::board::BOARD_BYTES;
+
 use crate::front::{Corner, NODE_BYTES, TREE_BYTES, TRIANGLE_BYTES, TRIANGLE_LIMIT};
+use crate::io_process::reader_bytes;
+use crate::paging::WISH_BYTES;
 use crate::pool::{LEAST_FOR_URGENT, SLOT_OVERHEAD_BYTES};
 use crate::refine::CHAIN_BYTES;
 
-/// Bytes for each page above the one that is decoded: its place holder, a guard and a reference; and, for the navigator
-/// and for the I/O process, where it lies.
-const ANCESTOR_BYTES: usize =
-    size_of::<u32>() + size_of::<RwLockReadGuard<'_, Page>>() + size_of::<&Page>() + 2 * size_of::<PageLocation>();
+/// The part of the memory that those who read may take, more than one of them. (Tests have little memory and want several.)
+const READERS_SHARE: f64 = if cfg!(test) { 0.5 } else { 0.08 };
+/// Bytes of a record in a page, with the entry that leads to it and two born triangles, as most have.
+const USUAL_RECORD_BYTES: usize = 4 * (RECORD_WORDS + ENTRY_WORDS + 2 * TRIANGLE_WORDS);
 /// Bytes of a candidate for a split or a collapse.
 const CANDIDATE_BYTES: usize = size_of::<u64>();
 /// The place holders' share. Flights and orbits over three models (dragon, terrain, robot) in 2, 4 and 16 MB, at a
@@ -47,6 +50,8 @@ pub struct Budget {
     pub collapse_candidates: usize,
     /// Most triangles that one split can bear.
     pub born_triangles: usize,
+    /// Those who read and decode pages.
+    pub io_threads: usize,
     /// All of it, in bytes.
     pub bytes: u64,
 }
@@ -80,8 +85,11 @@ struct Needs {
     pages: usize,
     page_levels: usize,
     slot_bytes: usize,
-    /// What is needed whatever the size of pool and front.
+    /// What is needed whatever the size of pool and front, but for those who read.
     fixed_bytes: usize,
+    /// What each of those who read needs.
+    reader_bytes: usize,
+    io_threads: usize,
     born_triangles: usize,
 }
 
@@ -99,16 +107,22 @@ impl Needs {
             slot_bytes,
             fixed_bytes: model.resident_bytes()
                 + header.root_count as usize * TREE_BYTES
-                + header.largest_page_bytes as usize
-                + header.page_levels as usize * ANCESTOR_BYTES
+                + header.page_levels as usize * size_of::<PageLocation>()
+                + BOARD_BYTES
                 + born_triangles * size_of::<Corner>()
                 + CHAIN_BYTES,
+            reader_bytes: reader_bytes(
+                header.largest_page_bytes as usize,
+                header.page_levels as usize * (slot_bytes / USUAL_RECORD_BYTES),
+                header.page_levels as usize,
+            ),
+            io_threads: 1,
             born_triangles,
         }
     }
 
     fn slot_cost(&self) -> usize {
-        self.slot_bytes + SLOT_OVERHEAD_BYTES
+        self.slot_bytes + SLOT_OVERHEAD_BYTES + WISH_BYTES
     }
 
     /// Fewest place holders: for the pages above one on the last level, or for one page in use where there is no other
@@ -136,9 +150,11 @@ impl Needs {
             split_candidates: active,
             collapse_candidates: active / 2 + 1,
             born_triangles: self.born_triangles,
+            io_threads: self.io_threads,
             bytes: 0,
         };
         let bytes = self.fixed_bytes
+            + self.io_threads * self.reader_bytes
             + slots * self.slot_cost()
             + budget.nodes * NODE_BYTES
             + budget.triangles * TRIANGLE_BYTES
@@ -162,9 +178,14 @@ impl Needs {
     }
 }
 
-/// Shares out `memory` bytes for `model`.
+/// Shares out `memory` bytes for `model`, with one thread for I/O.
 pub fn plan(model: &Model, memory: u64) -> Result<Budget, BudgetError> {
-    let needs = Needs::of(model);
+    plan_with(model, memory, 1)
+}
+
+/// Shares out `memory` bytes for `model`, with so many threads for I/O, or fewer.
+pub fn plan_with(model: &Model, memory: u64, io_threads: usize) -> Result<Budget, BudgetError> {
+    let mut needs = Needs::of(model);
     let least_slots = needs.least_slots();
     let least_splits = LEAST_SPLITS.min(needs.splits);
     let smallest = needs.budget(least_slots, least_splits).bytes;
@@ -178,6 +199,11 @@ pub fn plan(model: &Model, memory: u64) -> Result<Budget, BudgetError> {
             slot_bytes: header.slot_bytes,
             page_levels: header.page_levels,
         });
+    }
+    let for_readers = (memory as f64 * READERS_SHARE) as u64;
+    let most_readers = usize::try_from(for_readers / needs.reader_bytes as u64).unwrap_or(usize::MAX);
+    if needs.pages > 1 && memory - smallest >= for_readers {
+        needs.io_threads = io_threads.min(most_readers).max(1);
     }
     // At least what the least pool and the least front take, by the check just made.
     let to_share = memory - needs.budget(0, 0).bytes;

@@ -11,7 +11,8 @@
 //! | `refine` | a split with all that it forces | 3.3.5 |
 //! | `pool` | the place holders: hash table, free list, second chance, never all in use | 3.3.2, 3.3.3 |
 //! | `board` | the command board | 3.3.4 |
-//! | `io_process` | the I/O process: prefetching, urgent loading | 3.3.2, 3.3.4 |
+//! | `io_process` | the I/O process: threads that read and decode | 3.3.2, 3.3.4 |
+//! | `prediction` | where the camera will be: what is prefetched | 6 |
 //! | `paging` | the navigator's side of pool and board | 3.3.3, 3.3.4 |
 //! | `budget` | how the memory allowed is shared out | design, 5 |
 //! | [`navigator`] | the frames | 3.3.1, 3.3.2 |
@@ -31,6 +32,7 @@ pub mod navigator;
 mod paging;
 pub mod path;
 mod pool;
+mod prediction;
 mod refine;
 pub mod statistics;
 pub mod view;
@@ -47,4 +49,5 @@ pub use front::Misfit;
 pub use io_process::Io;
 pub use navigator::{ActiveNode, ActiveTriangle, AppliedSplit, Navigator, NavigatorError, NavigatorOptions};
 pub use path::PathSpec;
+pub use pool::Policy;
 pub use statistics::{FlightSummary, FrameStatistics};

@@ -30,9 +30,10 @@ use crate::camera::{Camera, CameraError};
 use crate::dependency::{self, Dependency};
 use crate::front::{Front, Misfit, State};
 use crate::io_process::Io;
-use crate::paging::Paging;
-use crate::pool::{HOLD_FRAMES, Hold, PoolCounters};
-use crate::refine::{Chain, Outcome, PATIENCE, Refiner};
+use crate::paging::{Paging, PagingOptions, SWEEP_FRAMES};
+use crate::pool::{HOLD_FRAMES, Hold, Policy, PoolCounters};
+use crate::prediction::Predictor;
+use crate::refine::{Chain, Outcome, PATIENCE, Refiner, want};
 use crate::statistics::FrameStatistics;
 use crate::view::{Sphere, View};
 
@@ -55,6 +56,10 @@ const KEEP_OFF: f32 = 1.05;
 const LEAST_RAISED_PIXELS: f32 = 0.01;
 /// How many frames in which pages found no room count as a limit, while the camera stands still.
 const STARVED_FRAMES: u32 = 2 * HOLD_FRAMES;
+/// How many frames ahead pages are prefetched.
+const FRAMES_AHEAD: f64 = 16.0;
+/// What part of the threshold the error of a node must be then.
+const LEAST_WISH: f32 = 0.7;
 /// How long a navigator that is to settle waits for the I/O process at a time.
 const LONGEST_WAIT: Duration = Duration::from_millis(100);
 
@@ -75,10 +80,13 @@ pub struct NavigatorOptions {
     pub max_triangles: Option<u64>,
     /// How the I/O process runs.
     pub io: Io,
-    /// Whether parents and children of pages in use are prefetched.
+    /// How many threads the I/O process has, where it has any; `None` for as many as the machine has cores, two to four. There
+    /// are fewer where they would take too much of the memory.
+    pub io_threads: Option<usize>,
+    /// Whether pages are prefetched that will probably be needed soon.
     pub prefetch: bool,
-    /// Whether a flushed page that is still in RAM is used again without a disk read.
-    pub second_chance: bool,
+    /// What becomes of pages that nobody needs at the moment.
+    pub policy: Policy,
 }
 
 impl Default for NavigatorOptions {
@@ -92,8 +100,9 @@ impl Default for NavigatorOptions {
             dependency: Dependency::Implicit,
             max_triangles: None,
             io: Io::Thread,
+            io_threads: None,
             prefetch: true,
-            second_chance: true,
+            policy: Policy::SecondChance,
         }
     }
 }
@@ -198,6 +207,7 @@ pub struct Navigator {
     /// Whether the last frame changed nothing, missed nothing, and kept the threshold.
     is_at_rest: bool,
     last_camera: Option<Camera>,
+    predictor: Predictor,
     /// With how many frames of this camera pages found no room.
     starved_frames: u32,
     /// Whether a page was missing in the last frame.
@@ -208,6 +218,11 @@ pub struct Navigator {
     /// The camera of the last frame that hit a limit, and the threshold's factor in it.
     limited_at: Option<(Camera, f32)>,
     pool_counters: PoolCounters,
+}
+
+/// How many threads read and decode where nobody says how many: as many as there are cores, two to four.
+fn usual_io_threads() -> usize {
+    std::thread::available_parallelism().map_or(2, usize::from).clamp(2, 4)
 }
 
 /// The larger the error, the later; among equals, the larger number.
@@ -236,9 +251,15 @@ impl Navigator {
         if let Some((root, _)) = model.roots().iter().enumerate().find(|(_, root)| root.id == 0) {
             return Err(NavigatorError::Root { path: model.path().into(), root });
         }
-        let budget = budget::plan(&model, options.memory)?;
+        let io_threads = match options.io {
+            Io::Sync => 1,
+            Io::Thread => options.io_threads.unwrap_or_else(usual_io_threads),
+        };
+        let budget = budget::plan_with(&model, options.memory, io_threads)?;
         let front = Front::new(model.roots(), leaf_count, budget.nodes, budget.triangles, budget.born_triangles);
-        let paging = Paging::start(model.clone(), budget.slots, options.io, options.prefetch, options.second_chance)?;
+        let NavigatorOptions { io, prefetch, policy, .. } = options;
+        let paging_options = PagingOptions { slots: budget.slots, io, io_threads: budget.io_threads, prefetch, policy };
+        let paging = Paging::start(model.clone(), paging_options)?;
         Ok(Navigator {
             model,
             options,
@@ -252,6 +273,7 @@ impl Navigator {
             threshold_factor: 1.0,
             is_at_rest: false,
             last_camera: None,
+            predictor: Predictor::default(),
             starved_frames: 0,
             chain_waits: false,
             patience_clock: 0,
@@ -269,7 +291,8 @@ impl Navigator {
         self.is_at_rest = false;
         let view = View::new(camera, header, self.options.width, self.options.height)?;
         self.check_failure()?;
-        self.paging.pool().begin_frame();
+        self.paging.begin_frame();
+        self.predictor.add(camera);
         let stands_still = self.last_camera == Some(*camera);
         self.last_camera = Some(*camera);
         if !(stands_still && self.chain_waits) {
@@ -287,6 +310,8 @@ impl Navigator {
         let waits = self.evaluate(&view, threshold);
         self.collapse(&view, threshold, &mut statistics);
         self.split(&view, threshold, &mut statistics)?;
+        self.wish_ahead(threshold)?;
+        self.paging.end_frame();
         self.check_failure()?;
 
         statistics.requests = statistics.splits + statistics.collapses + statistics.misses;
@@ -345,6 +370,11 @@ impl Navigator {
     /// Number of place holders.
     pub fn place_holders(&self) -> usize {
         self.budget.slots
+    }
+
+    /// Number of those who read and decode pages.
+    pub fn io_threads(&self) -> usize {
+        self.budget.io_threads
     }
 
     /// Number of triangles drawn.
@@ -482,6 +512,26 @@ impl Navigator {
         waits
     }
 
+    /// Names the pages that the camera will probably need where it will probably be by and by: those of the active nodes
+    /// whose error will then be near the threshold. A part of the front in each frame.
+    fn wish_ahead(&mut self, threshold: f32) -> Result<(), NavigatorError> {
+        let Some(camera) = self.predictor.ahead(FRAMES_AHEAD) else { return Ok(()) };
+        let view = View::new(&camera, self.model.header(), self.options.width, self.options.height)?;
+        let least = threshold * LEAST_WISH;
+        let for_wish = view.against(least);
+        let (parts, part) = (SWEEP_FRAMES as u32, (self.frame % SWEEP_FRAMES as u64) as u32);
+        let bound = self.front.node_bound();
+        let (first, end) = (bound / parts * part, if part + 1 == parts { bound } else { bound / parts * (part + 1) });
+        for node in first..end {
+            if self.front.state(node) == State::Active
+                && let Some(error) = for_wish.exceeded(self.front.sphere(node))
+            {
+                self.paging.wish(&want(&self.front, node, error / threshold.max(f32::MIN_POSITIVE)));
+            }
+        }
+        Ok(())
+    }
+
     fn collapse(&mut self, view: &View, threshold: f32, statistics: &mut FrameStatistics) {
         let for_collapse = view.against(threshold / HYSTERESIS);
         while let Some(key) = self.collapse_candidates.pop() {
@@ -524,7 +574,8 @@ impl Navigator {
             if !is_wish {
                 continue;
             }
-            let refinement = refiner.split(node, |front, parent| {
+            let error = f32::from_bits((key >> 32) as u32) / threshold.max(f32::MIN_POSITIVE);
+            let refinement = refiner.split(node, error, |front, parent| {
                 for child in front.children(parent) {
                     let is_candidate = front.state(child) == State::Active && candidates.len() < most_candidates;
                     if is_candidate && let Some(error) = for_split.exceeded(front.sphere(child)) {

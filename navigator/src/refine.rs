@@ -14,10 +14,10 @@
 //!   held.
 
 use crate::dependency::{self, Dependency};
-use crate::front::Front;
+use crate::front::{Front, NONE};
 use crate::navigator::NavigatorError;
-use crate::paging::Paging;
-use crate::pool::{Hold, Use};
+use crate::paging::{Paging, Use, Want};
+use crate::pool::Hold;
 
 /// Most nodes of a chain of neighbours. Of a longer one the end is worked off first, and then it is begun again.
 const CHAIN_LIMIT: usize = if cfg!(test) { 12 } else { 1024 };
@@ -95,6 +95,13 @@ pub struct Refiner<'a> {
     pub now: u16,
 }
 
+/// The page that the split of an active node is in.
+pub fn want(front: &Front, node: u32, error: f32) -> Want {
+    let parent = front.parent(node);
+    let parent_slot = if parent == NONE { NONE } else { front.page_or_slot(parent) };
+    Want { page: front.page_or_slot(node), parent_slot, root: node, error }
+}
+
 /// What became of the topmost node of the stack.
 enum Step {
     Applied,
@@ -104,9 +111,14 @@ enum Step {
 }
 
 impl Refiner<'_> {
-    /// Splits the active node `wish`, and before it what has to be. `applied` is told of every node that was split; it
-    /// may be undone again.
-    pub fn split(&mut self, wish: u32, mut applied: impl FnMut(&Front, u32)) -> Result<Refinement, NavigatorError> {
+    /// Splits the active node `wish`, whose error is so many times the threshold, and before it what has to be. `applied`
+    /// is told of every node that was split; it may be undone again.
+    pub fn split(
+        &mut self,
+        wish: u32,
+        error: f32,
+        mut applied: impl FnMut(&Front, u32),
+    ) -> Result<Refinement, NavigatorError> {
         self.chain.stack.clear();
         self.chain.log.clear();
         self.chain.stack.push(Link { node: wish, follows: false });
@@ -126,7 +138,8 @@ impl Refiner<'_> {
                 self.chain.stack.pop();
                 continue;
             }
-            let step = if self.is_too_long() { Ok(Step::Impossible(Outcome::Blocked)) } else { self.step(link.node) };
+            let step =
+                if self.is_too_long() { Ok(Step::Impossible(Outcome::Blocked)) } else { self.step(link.node, error) };
             match step {
                 Ok(Step::Applied) => {
                     applied(self.front, link.node);
@@ -177,20 +190,19 @@ impl Refiner<'_> {
         stack.len() >= STACK_LIMIT
     }
 
-    /// Applies the split of a node, if nothing is in its way.
-    fn step(&mut self, node: u32) -> Result<Step, NavigatorError> {
+    /// Applies the split of a node, if nothing is in its way. `error` is that of the wish.
+    fn step(&mut self, node: u32, error: f32) -> Result<Step, NavigatorError> {
         let implicit = self.dependency == Dependency::Implicit;
-        let slot = match self.paging.begin_use(self.front, node) {
+        let slot = match self.paging.begin_use(&want(self.front, node, error)) {
             Use::Granted { slot } => slot,
             Use::Missing => return Ok(Step::Impossible(Outcome::Missing)),
             Use::Refused => return Ok(Step::Impossible(Outcome::PoolFull)),
         };
         let page = self.paging.page(slot);
-        let prepared = match self.front.prepare(node, &page) {
+        let prepared = match self.front.prepare(node, page) {
             Ok(prepared) => prepared,
             Err(source) => {
                 let number = page.number();
-                drop(page);
                 self.paging.cancel_use(slot);
                 return Err(self.paging.misfit(number, source));
             }
@@ -203,13 +215,10 @@ impl Refiner<'_> {
             (!fits).then_some(Step::Impossible(Outcome::FrontFull))
         };
         if let Some(refused) = refused {
-            drop(page);
             self.paging.cancel_use(slot);
             return Ok(refused);
         }
-        self.front.split(&prepared, &page, slot);
-        drop(page);
-        self.paging.confirm_use(slot);
+        self.front.split(&prepared, page, slot);
         Ok(Step::Applied)
     }
 
