@@ -10,8 +10,8 @@
 //!
 //! Whoever reads takes several commands together, urgent ones before all others, so that he can read them in the order of the
 //! file; but no more than his share, so that others find something, too. The priority of a command is an error over the
-//! threshold: how much better the picture would be with that page. For wishes it is that error at the time for which they were
-//! predicted (see [`prediction`](crate::prediction)), which is the larger, the sooner the page is needed.
+//! threshold: how much better the picture would be with that page. For wishes it is the larger, the sooner the page will
+//! be needed (see [`prediction`](crate::prediction)).
 //!
 //! A wished page that cannot be read is left alone for [`COOL_DOWN_FRAMES`] frames, and nobody is told: perhaps no
 //! one ever needs it. That an urgent one cannot be read is told with the next frame.

@@ -12,7 +12,7 @@
 //! the way to it is loaded first, from the root page down. Where a page of the way, or the only place holder that there is,
 //! is just being filled, the command waits for that.
 //!
-//! What cannot be read, or is not what was written, is tried again [`PAUSES`] times, after pauses that grow: sources that are
+//! What cannot be read, or is not what was written, is tried again three times, after pauses that grow: sources that are
 //! far away fail now and then. Then it counts as failed, and is noted on the board. The navigator's next frame finds it there.
 
 use std::sync::Arc;

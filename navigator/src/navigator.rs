@@ -31,8 +31,8 @@ use crate::dependency::{self, Dependency};
 use crate::front::{Front, Misfit, State};
 use crate::io_process::Io;
 use crate::paging::{Paging, PagingOptions, SWEEP_FRAMES};
-use crate::pool::{HOLD_FRAMES, Hold, Policy, PoolCounters};
-use crate::prediction::Predictor;
+use crate::pool::{HOLD_FRAMES, Hold, Policy, PoolCounters, reserved_slots};
+use crate::prediction::{self, Predictor};
 use crate::refine::{Chain, Outcome, PATIENCE, Refiner, want};
 use crate::statistics::FrameStatistics;
 use crate::view::{Sphere, View};
@@ -60,6 +60,8 @@ const STARVED_FRAMES: u32 = 2 * HOLD_FRAMES;
 const FRAMES_AHEAD: f64 = 16.0;
 /// What part of the threshold the error of a node must be then.
 const LEAST_WISH: f32 = 0.7;
+/// What part of it it must be for the neighbours that would have to be split before it.
+const LEAST_FORCING: f32 = 0.9;
 /// How long a navigator that is to settle waits for the I/O process at a time.
 const LONGEST_WAIT: Duration = Duration::from_millis(100);
 
@@ -310,7 +312,7 @@ impl Navigator {
         let waits = self.evaluate(&view, threshold);
         self.collapse(&view, threshold, &mut statistics);
         self.split(&view, threshold, &mut statistics)?;
-        self.wish_ahead(threshold)?;
+        self.wish_ahead(&view, threshold)?;
         self.paging.end_frame();
         self.check_failure()?;
 
@@ -512,21 +514,29 @@ impl Navigator {
         waits
     }
 
-    /// Names the pages that the camera will probably need where it will probably be by and by: those of the active nodes
-    /// whose error will then be near the threshold. A part of the front in each frame.
-    fn wish_ahead(&mut self, threshold: f32) -> Result<(), NavigatorError> {
+    /// Names the pages that will probably be needed by and by: those of the active nodes whose error will be near the
+    /// threshold where the camera will probably be, see [`prediction`](crate::prediction), and of the neighbours that have to be
+    /// split before them. A part of the front in each frame.
+    fn wish_ahead(&mut self, now: &View, threshold: f32) -> Result<(), NavigatorError> {
         let Some(camera) = self.predictor.ahead(FRAMES_AHEAD) else { return Ok(()) };
-        let view = View::new(&camera, self.model.header(), self.options.width, self.options.height)?;
-        let least = threshold * LEAST_WISH;
-        let for_wish = view.against(least);
-        let (parts, part) = (SWEEP_FRAMES as u32, (self.frame % SWEEP_FRAMES as u64) as u32);
-        let bound = self.front.node_bound();
-        let (first, end) = (bound / parts * part, if part + 1 == parts { bound } else { bound / parts * (part + 1) });
-        for node in first..end {
-            if self.front.state(node) == State::Active
-                && let Some(error) = for_wish.exceeded(self.front.sphere(node))
-            {
-                self.paging.wish(&want(&self.front, node, error / threshold.max(f32::MIN_POSITIVE)));
+        let then = View::new(&camera, self.model.header(), self.options.width, self.options.height)?;
+        let for_wish = then.against(threshold * LEAST_WISH);
+        let (bound, parts) = (self.front.node_bound() as usize, SWEEP_FRAMES);
+        let part = self.frame as usize % parts;
+        for node in bound * part / parts..bound * (part + 1) / parts {
+            let node = node as u32;
+            if self.front.state(node) != State::Active {
+                continue;
+            }
+            let sphere = self.front.sphere(node);
+            let Some(error) = for_wish.exceeded(sphere) else { continue };
+            let priority = prediction::priority(now.pixel_error(sphere), error, threshold);
+            self.paging.wish(&want(&self.front, node, priority));
+            if self.options.dependency == Dependency::Implicit && priority > LEAST_FORCING {
+                let id = self.front.id(node);
+                for other in self.front.star(node).flatten().filter(|other| self.front.id(*other) > id) {
+                    self.paging.wish(&want(&self.front, other, priority));
+                }
             }
         }
         Ok(())
@@ -653,8 +663,10 @@ impl Navigator {
             if limit >= whole { 0.0 } else { used as f64 / limit.max(1) as f64 }
         };
         let nodes = header.leaf_count as usize + header.split_count as usize;
-        // One place holder is never needed.
-        let (slots, pages) = (self.budget.slots - 1, header.page_count as usize + SPARE_SLOTS - 1);
+        let pages = header.page_count as usize;
+        // One place holder is never needed, nor are those that are reserved.
+        let (slots, pages) =
+            (self.budget.slots + 1 - reserved_slots(self.budget.slots, header), pages + SPARE_SLOTS - 1);
         part(self.front.node_count(), self.front.node_capacity(), nodes)
             .max(part(self.front.triangle_count(), self.triangle_limit(), header.triangle_count as usize))
             .max(part(self.paging.pool().needed(), slots, pages))

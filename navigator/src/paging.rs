@@ -21,7 +21,7 @@ use crate::board::{Board, Command, Request};
 use crate::front::{Misfit, NONE};
 use crate::io_process::{Io, IoProcess};
 use crate::navigator::NavigatorError;
-use crate::pool::{Found, Hold, Policy, Pool};
+use crate::pool::{Found, Hold, Policy, Pool, reserved_slots};
 
 /// In how many frames the front is looked at for pages to be wished, a part of it in each.
 pub const SWEEP_FRAMES: usize = 4;
@@ -46,7 +46,7 @@ pub struct Want {
     pub parent_slot: u32,
     /// Number of the root, where there is no parent.
     pub root: u32,
-    /// The node's error in pixels over the threshold, now or soon.
+    /// How much it is wanted: the node's error in pixels over the threshold; for wishes see [`prediction`](crate::prediction).
     pub error: f32,
 }
 
@@ -127,7 +127,8 @@ impl Paging {
     pub fn start(model: Arc<Model>, options: PagingOptions) -> Result<Self, NavigatorError> {
         let PagingOptions { slots, io, io_threads, prefetch, policy } = options;
         let pages = (0..slots).map(|_| model.empty_page()).collect();
-        let pool = Arc::new(Pool::new(pages, policy));
+        let reserved = reserved_slots(slots, model.header());
+        let pool = Arc::new(Pool::new(pages, reserved, policy));
         let readers = if io == Io::Sync { 1 } else { io_threads.max(1) };
         let board = Arc::new(Board::new(slots, readers));
         let new_process = || IoProcess::new(model.clone(), pool.clone(), board.clone());

@@ -6,6 +6,16 @@
 //! moves like this, and so does the point looked at, as seen from the eye. Accelerations are noise for the most part, and over many
 //! frames they count for much: so the way they lead is cut off at that of the speed. After a jump - one much longer
 //! than the step before it - nothing is known but where the camera is.
+//!
+//! What is wished first is what is needed soonest. A node's error is known for now and for the time of the prediction; where
+//! it passes the threshold in between, it does so the sooner, the larger the part of its growth that is beyond the
+//! threshold (see [`priority`]). Those that come near the threshold only are wished less than all those.
+//!
+//! Measured on flights of 400 frames, as misses, of all requests, and bytes read, on a machine that was busy with other things
+//! (so only what stands side by side can be compared). Dragon in 16 MB at 30 frames a second: by the rule before, children of
+//! the pages of which nine of ten splits are applied, 11 % and 7.3 MB; by the error in 16 frames 6.1 % and 8.6 MB; with the pages of
+//! the neighbours that are forced 5.6 %; with an eighth of the place holders reserved 2.1 % and 8.1 MB; and with what is needed
+//! soonest first 1.6 % and 7.8 MB. 8 or 10 frames ahead read a tenth less and miss a third more, 32 are worse in both.
 
 use glam::DVec3;
 
@@ -15,6 +25,21 @@ use crate::camera::Camera;
 const JUMP: f64 = 8.0;
 /// The angle of a turn within one frame that is a jump, by its cosine.
 const TURN: f64 = 0.7;
+
+/// The largest priority: of what is needed now.
+const NEEDED_NOW: f32 = 100.0;
+
+/// How strongly a page is wished for a node whose error, in pixels, is `now`, and will be `then`: above 1 where it passes the
+/// threshold until then, and the more, the sooner; else its error then over the threshold.
+pub fn priority(now: f32, then: f32, threshold: f32) -> f32 {
+    if now >= threshold {
+        NEEDED_NOW
+    } else if then > threshold {
+        ((then - now) / (threshold - now)).clamp(1.0, NEEDED_NOW)
+    } else {
+        then / threshold
+    }
+}
 
 /// The cameras of the last frames.
 #[derive(Debug, Clone, Default)]
@@ -102,6 +127,19 @@ mod tests {
         assert!(ahead.eye.distance(DVec3::new(50.0, 2.5, 3.0)) < 1e-9, "{ahead:?}");
         let only = at(3.0);
         assert_eq!(predict([only], 4.0), only);
+    }
+
+    #[test]
+    fn what_is_needed_sooner_is_wished_more() {
+        // Half way to the time of the prediction, and a quarter.
+        assert_eq!((priority(0.0, 2.0, 1.0), priority(0.0, 4.0, 1.0)), (2.0, 4.0));
+        assert!(priority(1.8, 2.2, 2.0) > priority(1.0, 2.5, 2.0));
+        assert_eq!((priority(0.5, 0.8, 1.0), priority(1.0, 1.0, 1.0)), (0.8, NEEDED_NOW));
+        for (now, then) in [(0.0, 0.1), (0.1, 0.0), (0.999, 1000.0), (0.0, 0.0)] {
+            for threshold in [0.0, 1.0] {
+                assert!((0.0..=NEEDED_NOW).contains(&priority(now, then, threshold)), "{now} {then} {threshold}");
+            }
+        }
     }
 
     #[test]

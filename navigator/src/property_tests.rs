@@ -520,6 +520,7 @@ fn threads_that_race_do_no_harm() {
         for camera in &cameras {
             summary.add(&navigator.frame(camera).unwrap());
             check_cut(&navigator).unwrap();
+            std::thread::sleep(Duration::from_millis(1));
         }
         navigator.run_until_settled(&cameras[75], 10_000).unwrap();
         assert!(navigator.settled());
