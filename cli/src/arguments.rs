@@ -477,7 +477,8 @@ pub struct NavigateOptions {
     /// take too much of the memory.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=64))]
     pub io_threads: Option<u16>,
-    /// Read past the page cache of the operating system, where the file system can do that.
+    /// Read past the page cache of the operating system, where the file system can do that: the model is in RAM once then, but
+    /// nothing is read ahead of what is asked for.
     #[arg(long)]
     pub direct: bool,
     /// Frames a second that are begun, at most; 0: each as soon as the last one is done. The I/O threads have the time in

@@ -291,6 +291,11 @@ impl Board {
         }
     }
 
+    /// Whether a failure is noted that nobody has taken yet.
+    pub fn has_failure(&self) -> bool {
+        self.state.lock().failure.is_some()
+    }
+
     /// Takes the failure that was noted, if any.
     pub fn take_failure(&self) -> Option<ModelError> {
         self.state.lock().failure.take()
@@ -418,6 +423,6 @@ mod tests {
         board.publish(&[wish(1, 1.0)]);
         assert_eq!(take(&board, 9), [1]);
         board.fail(&Command { is_urgent: true, ..wish(1, 1.0) }, failure());
-        assert!(board.take_failure().is_some() && board.take_failure().is_none());
+        assert!(board.has_failure() && board.take_failure().is_some() && !board.has_failure());
     }
 }

@@ -111,11 +111,7 @@ impl Needs {
                 + BOARD_BYTES
                 + born_triangles * size_of::<Corner>()
                 + CHAIN_BYTES,
-            reader_bytes: reader_bytes(
-                header.largest_page_bytes as usize,
-                header.page_levels as usize * (slot_bytes / USUAL_RECORD_BYTES),
-                header.page_levels as usize,
-            ),
+            reader_bytes: reader_bytes(model, header.page_levels as usize * (slot_bytes / USUAL_RECORD_BYTES)),
             io_threads: 1,
             born_triangles,
         }

@@ -21,6 +21,7 @@ use std::time::Duration;
 
 use metanode::model::{Model, PageReader};
 use metanode::page::{Page, PageLocation};
+use storage::Block;
 
 use crate::board::{Board, Command, Request};
 use crate::pool::{Filling, Pool, Room};
@@ -48,12 +49,15 @@ pub enum Io {
     Sync,
 }
 
-/// Bytes that who reads needs, for pages of at most so many bytes, encoded, with at most so many records on the way from a root
-/// page down to one: the bytes read, what the decoder knows of the records, and references to the pages.
-pub fn reader_bytes(largest_page_bytes: usize, records_on_a_way: usize, page_levels: usize) -> usize {
-    let read = (MOST_IN_ONE_READ as usize).min(MOST_TOGETHER * largest_page_bytes).max(largest_page_bytes);
-    let commands = MOST_TOGETHER * (size_of::<Command>() + size_of::<Job>() + page_levels * size_of::<Arc<Page>>());
-    read + commands + records_on_a_way * DECODER_BYTES_PER_RECORD
+/// Bytes that who reads needs, with at most so many records on the way from a root page of this model down to a page: the bytes
+/// read, twice where they are read directly, those of a page that is read again, what the decoder knows of the records, and
+/// references to the pages.
+pub fn reader_bytes(model: &Model, records_on_a_way: usize) -> usize {
+    let (largest, levels) = (model.header().largest_page_bytes as usize, model.header().page_levels as usize);
+    let read = (MOST_IN_ONE_READ as usize).min(MOST_TOGETHER * (largest + MOST_BETWEEN as usize)).max(largest);
+    let direct = if model.is_direct() { read + 2 * Block::BYTES } else { 0 };
+    let commands = MOST_TOGETHER * (size_of::<Command>() + 2 * size_of::<Job>() + levels * size_of::<Arc<Page>>());
+    read + direct + largest + commands + records_on_a_way * DECODER_BYTES_PER_RECORD
 }
 
 /// What a decoder takes for each record of a page and its ancestors.
@@ -220,7 +224,8 @@ impl IoProcess {
             (Ok(()), None) => Err(None),
         };
         for pause in PAUSES.into_iter().take(tries) {
-            if outcome.is_ok() {
+            // Where the disk fails for good, only the first page takes so long. The others are asked for again, if need be.
+            if outcome.is_ok() || self.board.has_failure() {
                 break;
             }
             self.pool.count(|counters| counters.retries += 1);

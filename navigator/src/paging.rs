@@ -226,7 +226,7 @@ impl Paging {
             self.ask_urgently(want);
             if self.run_inline() {
                 found = self.pool.use_page(page, &way);
-                if matches!(found, Found::Missing) {
+                if matches!(found, Found::Missing) && !self.board.has_failure() {
                     // What else is held is for later; this page is used now.
                     self.pool.end_all_holds();
                     self.ask_urgently(want);

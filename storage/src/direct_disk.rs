@@ -4,6 +4,10 @@
 //! RAM twice, and in a memory cgroup the cache counts. Such reads begin and end at multiples of [`Block::BYTES`], on disk and
 //! in memory, so a read goes to a buffer of blocks, and what was asked for is copied out of it. The buffers are kept for the
 //! next reads: as many as there are reads at a time, each as large as the largest read.
+//!
+//! What it costs is the system's reading ahead. Flights over two models that no cache held, with two threads that read 3 KB pages,
+//! missed 3.9 and 5.1 % of the pages like this and 3.1 and 3.4 % through the cache (srtm in 16 MB), 7 % and more against 2 to
+//! 11 % (16 M triangles in 64 MB). So it is for those whose cache counts, or is needed for something else.
 
 use std::fmt::Debug;
 use std::fs;

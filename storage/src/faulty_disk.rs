@@ -311,7 +311,7 @@ mod tests {
         memory.insert("file", vec![0; 10]);
         let disk = FaultyDisk::new(Arc::new(memory));
         let file = disk.open("file".as_ref()).unwrap();
-        let mut read = || {
+        let read = || {
             let mut bytes = [0; 10];
             file.read_exact_at(0, &mut bytes).unwrap();
             bytes.iter().filter(|byte| **byte != 0).count()
