@@ -451,7 +451,7 @@ pub enum DependencyName {
 /// How pages are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum IoName {
-    /// By a thread beside the navigation, which never waits for the disk.
+    /// By threads beside the navigation, which never waits for the disk.
     Thread,
     /// At once, within the frame, which waits.
     Sync,
@@ -462,6 +462,8 @@ pub enum IoName {
 pub enum PolicyName {
     /// The paper's: as long as its place holder is not needed, such a page is found again without a disk read.
     SecondChance,
+    /// The one that was not used for the longest time makes room for others, whether it will be needed soon or not.
+    Lru,
     /// It is forgotten.
     None,
 }
@@ -520,14 +522,22 @@ pub struct NavigateOptions {
     /// How pages are read.
     #[arg(long, value_enum, default_value_t = IoName::Thread)]
     pub io: IoName,
-    /// Frames a second that are begun, at most; 0: each as soon as the last one is done. The I/O thread has the time in
+    /// Threads that read and decode meta-nodes; unless given, as many as there are cores, two to four. Fewer where they would
+    /// take too much of the memory.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=64))]
+    pub io_threads: Option<u16>,
+    /// Read past the page cache of the operating system, where the file system can do that: the model is in RAM once then, but
+    /// nothing is read ahead of what is asked for.
+    #[arg(long)]
+    pub direct: bool,
+    /// Frames a second that are begun, at most; 0: each as soon as the last one is done. The I/O threads have the time in
     /// between.
     #[arg(long, default_value_t = 60.0, value_parser = not_negative)]
     pub frame_rate: f64,
     /// Fly the path once before, without counting: then RAM holds what it can of what the flight needs.
     #[arg(long)]
     pub warm: bool,
-    /// Do not load parents and children of the meta-nodes in use ahead of time.
+    /// Do not load meta-nodes ahead of time, by where the camera will probably be.
     #[arg(long)]
     pub no_prefetch: bool,
     /// What becomes of meta-nodes in RAM that nobody needs at the moment.

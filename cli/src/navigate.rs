@@ -6,10 +6,11 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use metanode::model::Model;
 use navigator::{
-    Dependency, FlightSummary, FrameStatistics, Io, Light, Navigator, NavigatorOptions, PathSpec, ViewParameters,
+    Dependency, FlightSummary, FrameStatistics, Io, Light, Navigator, NavigatorOptions, PathSpec, Policy,
+    ViewParameters,
 };
 use serde_json::{Value, json};
-use storage::{AtomicFile, ByteSize, Disk, LocalDisk};
+use storage::{AtomicFile, ByteSize, DirectDisk, Disk, LocalDisk};
 
 use crate::arguments::{self, DependencyName, IoName, PolicyName};
 use crate::output::{Report, bound, counted, grouped, length, may_write};
@@ -18,7 +19,8 @@ use crate::statement::why_not_guaranteed;
 
 /// The first line of the CSV file: the fields of [`FrameStatistics`].
 const CSV_HEADER: &str = "frame,triangles,vertices,splits,collapses,requests,misses,blocked,forced,over_budget,postponed,\
-threshold_factor,error_stated,guaranteed,vanished_parts,pages_in_use,reads,bytes_read,second_chances,urgent,prefetch_given_up,frame_ms,cpu_ms\n";
+threshold_factor,error_stated,guaranteed,vanished_parts,pages_in_use,reads,bytes_read,second_chances,urgent,prefetch_given_up,\
+prefetched,prefetch_used,cancelled,evicted,evicted_wished,evicted_untried,retries,read_failures,frame_ms,cpu_ms\n";
 
 pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
     let disk: Arc<dyn Disk> = Arc::new(LocalDisk);
@@ -29,7 +31,8 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
         }
         may_write(disk.as_ref(), csv, options.force, &inputs)?;
     }
-    let model = Arc::new(Model::open(disk.as_ref(), &options.model)?);
+    let model_disk: &dyn Disk = if options.direct { &DirectDisk } else { &LocalDisk };
+    let model = Arc::new(Model::open(model_disk, &options.model)?);
     let cameras = options.path.cameras(disk.as_ref(), &model)?;
     let navigator_options = NavigatorOptions {
         memory: options.memory.0,
@@ -52,8 +55,13 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
             IoName::Thread => Io::Thread,
             IoName::Sync => Io::Sync,
         },
+        io_threads: options.io_threads.map(usize::from),
         prefetch: !options.no_prefetch,
-        second_chance: options.policy == PolicyName::SecondChance,
+        policy: match options.policy {
+            PolicyName::SecondChance => Policy::SecondChance,
+            PolicyName::Lru => Policy::LeastRecentlyUsed,
+            PolicyName::None => Policy::None,
+        },
     };
     let mut navigator = Navigator::open(model.clone(), navigator_options)?;
     let place_holders = navigator.place_holders();
@@ -86,14 +94,21 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
         progress.show((number + 1) as f64 / cameras.len() as f64);
     }
     drop(progress);
-    let budget_bytes = navigator.budget_bytes();
+    let (budget_bytes, io_threads) = (navigator.budget_bytes(), navigator.io_threads());
     drop(navigator);
     if let Some(csv) = csv {
         csv.commit()?;
     }
     let peak = storage::usage::peak_resident_bytes();
     report(&options, &summary, &model, place_holders, peak)
-        .print(json, &to_json(&options, &summary, &model, budget_bytes, place_holders, peak))
+        .print(json, &to_json(&options, &summary, &model, &Planned { budget_bytes, place_holders, io_threads }, peak))
+}
+
+/// What the memory was shared out into.
+struct Planned {
+    budget_bytes: u64,
+    place_holders: usize,
+    io_threads: usize,
 }
 
 fn csv_line(frame: &FrameStatistics) -> String {
@@ -121,11 +136,20 @@ fn csv_line(frame: &FrameStatistics) -> String {
         second_chances,
         urgent,
         prefetch_given_up,
+        prefetched,
+        prefetch_used,
+        cancelled,
+        evicted,
+        evicted_wished,
+        evicted_untried,
+        retries,
+        read_failures,
     } = frame;
     format!(
         "{frame},{triangles},{vertices},{splits},{collapses},{requests},{misses},{blocked},{forced},{over_budget},{postponed},\
          {threshold_factor},{error_stated},{},{vanished_parts},{pages_in_use},{reads},{bytes_read},{second_chances},{urgent},\
-         {prefetch_given_up},{frame_ms:.3},{cpu_ms:.3}\n",
+         {prefetch_given_up},{prefetched},{prefetch_used},{cancelled},{evicted},{evicted_wished},{evicted_untried},{retries},\
+         {read_failures},{frame_ms:.3},{cpu_ms:.3}\n",
         u8::from(*guaranteed)
     )
 }
@@ -170,10 +194,12 @@ fn report(
     report.line(
         "disk",
         format!(
-            "{} meta-nodes read ({}), {} of them urgently; {} second chances",
+            "{} meta-nodes read ({}), {} of them urgently, {} ahead of time, of which {} were used; {} second chances",
             grouped(summary.reads),
             ByteSize(summary.bytes_read),
             grouped(summary.urgent),
+            grouped(summary.prefetched),
+            grouped(summary.prefetch_used),
             grouped(summary.second_chances),
         ),
     );
@@ -191,6 +217,10 @@ fn report(
     if summary.threshold_factor > 1.0 {
         let pixels = options.pixels * summary.threshold_factor;
         report.line("note", format!("the budget did not always allow this error: up to {pixels:.1} pixels were drawn"));
+    }
+    if summary.retries > 0 {
+        let (retries, failures) = (grouped(summary.retries), grouped(summary.read_failures));
+        report.line("note", format!("{retries} reads were tried again, {failures} meta-nodes could not be read"));
     }
     if let Some(peak) = peak {
         report.line(
@@ -210,10 +240,10 @@ fn to_json(
     options: &arguments::NavigateOptions,
     summary: &FlightSummary,
     model: &Model,
-    budget_bytes: u64,
-    place_holders: usize,
+    planned: &Planned,
     peak: Option<u64>,
 ) -> Value {
+    let Planned { budget_bytes, place_holders, io_threads } = planned;
     json!({
         "frames": summary.frames(),
         "triangles_mean": summary.triangles_mean(),
@@ -234,6 +264,16 @@ fn to_json(
         "second_chances": summary.second_chances,
         "urgent": summary.urgent,
         "prefetch_given_up": summary.prefetch_given_up,
+        "prefetched": summary.prefetched,
+        "prefetch_used": summary.prefetch_used,
+        "cancelled": summary.cancelled,
+        "evicted": summary.evicted,
+        "evicted_wished": summary.evicted_wished,
+        "evicted_untried": summary.evicted_untried,
+        "retries": summary.retries,
+        "read_failures": summary.read_failures,
+        "io_threads": io_threads,
+        "direct": model.is_direct(),
         "threshold_factor_max": summary.threshold_factor,
         "place_holders": place_holders,
         "peak_rss_bytes": peak,

@@ -187,23 +187,40 @@ impl Model {
     ) -> Result<(), ModelError> {
         page.clear();
         self.read_encoded(location, reader)?;
-        self.decode(location, ancestors, reader, page)
+        let PageReader { encoded, decoder, .. } = reader;
+        self.decode_with(location, encoded, ancestors, decoder, page)
     }
 
-    /// Reads the encoded page at `location`: the first half of [`Model::read_page`], for those who do not
-    /// hold on to the ancestors meanwhile.
-    pub fn read_encoded(&self, location: PageLocation, reader: &mut PageReader) -> Result<(), ModelError> {
-        let end = location.offset.saturating_add(location.length.into());
-        let inside = location.offset >= self.header.pages_offset && end <= self.header.file_length;
-        if !inside || location.length > self.header.largest_page_bytes || location.number >= self.header.page_count {
-            let problem = format!(
-                "a reference to {} bytes at byte {} leads out of the pages of this file",
-                location.length, location.offset
-            );
-            return Err(self.damaged_page(location.number, problem));
-        }
+    /// Reads the encoded page at `location`: the first half of [`Model::read_page`].
+    fn read_encoded(&self, location: PageLocation, reader: &mut PageReader) -> Result<(), ModelError> {
+        self.check_location(location)?;
         reader.encoded.resize(location.length as usize, 0);
         Ok(self.file.read_exact_at(location.offset, &mut reader.encoded)?)
+    }
+
+    /// Whether a page can lie there.
+    pub fn check_location(&self, location: PageLocation) -> Result<(), ModelError> {
+        let end = location.offset.saturating_add(location.length.into());
+        let inside = location.offset >= self.header.pages_offset && end <= self.header.file_length;
+        if inside && location.length <= self.header.largest_page_bytes && location.number < self.header.page_count {
+            return Ok(());
+        }
+        let problem = format!(
+            "a reference to {} bytes at byte {} leads out of the pages of this file",
+            location.length, location.offset
+        );
+        Err(self.damaged_page(location.number, problem))
+    }
+
+    /// Reads the bytes from `offset` on: one or more encoded pages, for [`Model::decode`], by those who do not hold on to the
+    /// ancestors meanwhile.
+    pub fn read_bytes(&self, offset: u64, bytes: &mut [u8]) -> Result<(), ModelError> {
+        Ok(self.file.read_exact_at(offset, bytes)?)
+    }
+
+    /// Whether reads go past the system's page cache.
+    pub fn is_direct(&self) -> bool {
+        self.file.is_direct()
     }
 
     /// Reads page `number`, which lies at `offset`, and what stands in front of its coded fields. Its place is not known from
@@ -230,12 +247,24 @@ impl Model {
         Ok((location, head))
     }
 
-    /// Decodes what [`Model::read_encoded`] has read: the second half of [`Model::read_page`].
+    /// Decodes the encoded page that was read from `location`: the second half of [`Model::read_page`].
     pub fn decode(
         &self,
         location: PageLocation,
+        encoded: &[u8],
         ancestors: &[&Page],
         reader: &mut PageReader,
+        page: &mut Page,
+    ) -> Result<(), ModelError> {
+        self.decode_with(location, encoded, ancestors, &mut reader.decoder, page)
+    }
+
+    fn decode_with(
+        &self,
+        location: PageLocation,
+        encoded: &[u8],
+        ancestors: &[&Page],
+        decoder: &mut PageDecoder,
         page: &mut Page,
     ) -> Result<(), ModelError> {
         page.clear();
@@ -254,7 +283,7 @@ impl Model {
         let trees = |number| self.roots_in_page(number).iter().map(|index| &self.roots[*index as usize]);
         let Model { shape, tables, appearance, .. } = self;
         let context = Context { location, ancestors, shape, tables, root_wedges: &appearance.root_wedges, trees };
-        reader.decoder.decode(&reader.encoded, &context, page).map_err(|source| ModelError::Page {
+        decoder.decode(encoded, &context, page).map_err(|source| ModelError::Page {
             path: self.path().into(),
             location,
             source,

@@ -8,24 +8,26 @@
 use std::path::PathBuf;
 
 use metanode::model::Model;
-use metanode::page::{Page, PageLocation};
-use parking_lot::RwLockReadGuard;
+use metanode::page::{ENTRY_WORDS, PageLocation, RECORD_WORDS, TRIANGLE_WORDS};
 use thiserror::Error;
 
+use crate::board::BOARD_BYTES;
 use crate::collapse_queue::CollapseQueue;
 use crate::front::{CHUNK, Capacity, Corner, LINE_BYTES, TREE_BYTES, TRIANGLE_BYTES, TRIANGLE_LIMIT, VERTEX_BYTES};
+use crate::io_process::reader_bytes;
+use crate::paging::WISH_BYTES;
 use crate::pool::{LEAST_FOR_URGENT, SLOT_OVERHEAD_BYTES};
 use crate::refine::CHAIN_BYTES;
 use crate::split_queue::QUEUE_BYTES;
 
-/// Bytes for each page above the one that is decoded: its place holder, a guard and a reference; and, for the navigator
-/// and for the I/O process, where it lies.
-const ANCESTOR_BYTES: usize =
-    size_of::<u32>() + size_of::<RwLockReadGuard<'_, Page>>() + size_of::<&Page>() + 2 * size_of::<PageLocation>();
 /// Bits for each vertex and each place of a triangle: whether its number is used, and whether it has changed; rounded up.
 const NOTE_BYTES: f64 = 0.5;
-/// Cache lines of stars for a vertex. Cuts of ten models (scans, terrains, isosurfaces, machine parts) take 1.1 to 1.3.
-const LINES_PER_VERTEX: f64 = 1.3;
+/// Cache lines of stars for a vertex. Cuts of scans, terrains and isosurfaces take 1.09 to 1.12.
+const LINES_PER_VERTEX: f64 = 1.2;
+/// The part of the memory that those who read may take, more than one of them. (Tests have little memory and want several.)
+const READERS_SHARE: f64 = if cfg!(test) { 0.5 } else { 0.08 };
+/// Bytes of a record in a page, with the entry that leads to it and two born triangles, as most have.
+const USUAL_RECORD_BYTES: usize = 4 * (RECORD_WORDS + ENTRY_WORDS + 2 * TRIANGLE_WORDS);
 /// The place holders' share. Flights and orbits over three models (dragon, terrain, robot) in 2, 4 and 16 MB, at a
 /// tenth of a pixel so that the limits decided, drew 3 to 18 % more triangles with 0.55 than with 0.5, 2 to 4 % more
 /// than with 0.6, and clearly more than with 0.3 or 0.7.
@@ -43,6 +45,8 @@ pub struct Budget {
     pub slots: usize,
     /// Room in the front.
     pub front: Capacity,
+    /// Those who read and decode pages.
+    pub io_threads: usize,
     /// All of it, in bytes.
     pub bytes: u64,
 }
@@ -76,8 +80,11 @@ struct Needs {
     pages: usize,
     page_levels: usize,
     slot_bytes: usize,
-    /// What is needed whatever the size of pool and front.
+    /// What is needed whatever the size of pool and front, but for those who read.
     fixed_bytes: usize,
+    /// What each of those who read needs.
+    reader_bytes: usize,
+    io_threads: usize,
     born_triangles: usize,
 }
 
@@ -95,16 +102,18 @@ impl Needs {
             slot_bytes,
             fixed_bytes: model.resident_bytes()
                 + header.root_count as usize * TREE_BYTES
-                + header.largest_page_bytes as usize
-                + header.page_levels as usize * ANCESTOR_BYTES
+                + header.page_levels as usize * size_of::<PageLocation>()
+                + BOARD_BYTES
                 + born_triangles * size_of::<Corner>()
                 + CHAIN_BYTES,
+            reader_bytes: reader_bytes(model, header.page_levels as usize * (slot_bytes / USUAL_RECORD_BYTES)),
+            io_threads: 1,
             born_triangles,
         }
     }
 
     fn slot_cost(&self) -> usize {
-        self.slot_bytes + SLOT_OVERHEAD_BYTES
+        self.slot_bytes + SLOT_OVERHEAD_BYTES + WISH_BYTES
     }
 
     /// Fewest place holders: for the pages above one on the last level, or for one page in use where there is no other
@@ -125,21 +134,25 @@ impl Needs {
 
     fn budget(&self, slots: usize, splits: usize) -> Budget {
         let vertices = (self.roots + splits).next_multiple_of(CHUNK);
+        let triangles = self.triangles_for(splits);
+        let most_lines = Capacity::most_lines(vertices, triangles);
         let front = Capacity {
             vertices,
-            triangles: self.triangles_for(splits),
-            lines: (vertices as f64 * LINES_PER_VERTEX) as usize + 64,
+            triangles,
+            // A front that has room for the whole model has it for any.
+            lines: if splits == self.splits { most_lines } else { (vertices as f64 * LINES_PER_VERTEX) as usize + 64 },
             born_triangles: self.born_triangles,
         };
         let noted = front.vertices + front.triangles.next_multiple_of(CHUNK);
         let bytes = self.fixed_bytes
+            + self.io_threads * self.reader_bytes
             + slots * self.slot_cost()
             + front.vertices * (VERTEX_BYTES + QUEUE_BYTES)
             + front.lines * LINE_BYTES
             + front.triangles.next_multiple_of(CHUNK) * TRIANGLE_BYTES
             + (noted as f64 * NOTE_BYTES) as usize
             + CollapseQueue::bytes(vertices);
-        Budget { slots, front, bytes: bytes as u64 }
+        Budget { slots, front, io_threads: self.io_threads, bytes: bytes as u64 }
     }
 
     /// The most splits for which a pool of `slots` and a front fit into `bytes`, but no fewer than `least`.
@@ -157,9 +170,14 @@ impl Needs {
     }
 }
 
-/// Shares out `memory` bytes for `model`.
+/// Shares out `memory` bytes for `model`, with one thread for I/O.
 pub fn plan(model: &Model, memory: u64) -> Result<Budget, BudgetError> {
-    let needs = Needs::of(model);
+    plan_with(model, memory, 1)
+}
+
+/// Shares out `memory` bytes for `model`, with so many threads for I/O, or fewer.
+pub fn plan_with(model: &Model, memory: u64, io_threads: usize) -> Result<Budget, BudgetError> {
+    let mut needs = Needs::of(model);
     let least_slots = needs.least_slots();
     let least_splits = LEAST_SPLITS.min(needs.splits);
     let smallest = needs.budget(least_slots, least_splits).bytes;
@@ -173,6 +191,11 @@ pub fn plan(model: &Model, memory: u64) -> Result<Budget, BudgetError> {
             slot_bytes: header.slot_bytes,
             page_levels: header.page_levels,
         });
+    }
+    let for_readers = (memory as f64 * READERS_SHARE) as u64;
+    let most_readers = usize::try_from(for_readers / needs.reader_bytes as u64).unwrap_or(usize::MAX);
+    if needs.pages > 1 && memory - smallest >= for_readers {
+        needs.io_threads = io_threads.min(most_readers).max(1);
     }
     // At least what the least pool and the least front take, by the check just made.
     let to_share = memory - needs.budget(0, 0).bytes;

@@ -7,6 +7,7 @@ use metanode::page::{Page, PageLocation, Target};
 use crate::dependency::Dependency;
 use crate::front::{Front, NONE};
 use crate::navigator::Navigator;
+use crate::refine::want;
 
 /// Checks, between two frames, everything that must hold; says what does not.
 ///
@@ -198,7 +199,7 @@ fn last_moved(navigator: &Navigator, node: u32, leaf: u32) -> Result<u32, String
     let mut above = Vec::new();
     let mut below = match front.slot_above(node) {
         NONE => {
-            let location = paging.location(front, node);
+            let location = paging.location(&want(front, node, 0.0));
             for location in model.way_to(location.number) {
                 read_below(model, location, &mut above, &mut PageReader::default())?;
             }
@@ -207,11 +208,11 @@ fn last_moved(navigator: &Navigator, node: u32, leaf: u32) -> Result<u32, String
         slot => {
             let page = paging.page(slot);
             above.extend(paging.pool().ancestors(slot).iter().map(|page| Page::clone(page)));
-            above.push(Page::clone(&page));
+            above.push(page.clone());
             if page.number() == page_number {
-                moved_within(&page, &mut index, leaf, &mut moved)?
+                moved_within(page, &mut index, leaf, &mut moved)?
             } else {
-                Some(paging.location(front, node))
+                Some(paging.location(&want(front, node, 0.0)))
             }
         }
     };
@@ -269,12 +270,13 @@ fn check_usage(navigator: &Navigator) -> Result<(), String> {
     }
     for (slot, applied) in applied.into_iter().enumerate() {
         let slot = slot as u32;
-        if pool.usage(slot) != applied {
-            return Err(format!("slot {slot}: {applied} splits are applied, {} counted", pool.usage(slot)));
+        let counted = paging.usage()[slot as usize];
+        if counted != applied {
+            return Err(format!("slot {slot}: {applied} splits are applied, {counted} counted"));
         }
-        if applied > 0 && paging.page_number(slot) != pool.page(slot).number() {
+        if paging.page_number(slot) != paging.page(slot).number() {
             return Err(format!("slot {slot} does not hold page {}", paging.page_number(slot)));
         }
     }
-    Ok(())
+    pool.check_usage(paging.usage())
 }

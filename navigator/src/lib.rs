@@ -13,7 +13,8 @@
 //! | `refine` | a split with all that it forces | 3.3.5 |
 //! | `pool` | the place holders: hash table, free list, second chance, never all in use | 3.3.2, 3.3.3 |
 //! | `board` | the command board | 3.3.4 |
-//! | `io_process` | the I/O process: prefetching, urgent loading | 3.3.2, 3.3.4 |
+//! | `io_process` | the I/O process: threads that read and decode | 3.3.2, 3.3.4 |
+//! | `prediction` | where the camera will be: what is prefetched | 6 |
 //! | `paging` | the navigator's side of pool and board | 3.3.3, 3.3.4 |
 //! | `budget` | how the memory allowed is shared out | design, 5 |
 //! | [`navigator`] | the frames | 3.3.1, 3.3.2 |
@@ -35,6 +36,7 @@ pub mod navigator;
 mod paging;
 pub mod path;
 mod pool;
+mod prediction;
 mod refine;
 mod split_queue;
 pub mod statistics;
@@ -56,5 +58,6 @@ pub use navigator::{
     ActiveNode, ActiveTriangle, AppliedSplit, MAX_ADAPTS, Navigator, NavigatorError, NavigatorOptions,
 };
 pub use path::PathSpec;
+pub use pool::Policy;
 pub use statistics::{FlightSummary, FrameStatistics};
 pub use view_parameters::{Light, ViewParameters, ViewParametersError};

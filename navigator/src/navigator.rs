@@ -30,11 +30,12 @@ use crate::budget::{self, Budget, BudgetError, SPARE_SLOTS};
 use crate::camera::{Camera, CameraError};
 use crate::collapse_queue::CollapseQueue;
 use crate::dependency::{self, Dependency};
-use crate::front::{CHUNK, Front, Misfit, NONE};
+use crate::front::{CHUNK, Capacity, Front, Misfit, NONE};
 use crate::io_process::Io;
-use crate::paging::Paging;
-use crate::pool::{HOLD_FRAMES, Hold, PoolCounters};
-use crate::refine::{Chain, Outcome, PATIENCE, Refiner};
+use crate::paging::{Paging, PagingOptions, SWEEP_FRAMES};
+use crate::pool::{HOLD_FRAMES, Hold, Policy, PoolCounters, reserved_slots};
+use crate::prediction::{self, Predictor};
+use crate::refine::{Chain, Outcome, PATIENCE, Refiner, want};
 use crate::split_queue::SplitQueue;
 use crate::statistics::FrameStatistics;
 use crate::view::{Sphere, View};
@@ -61,6 +62,10 @@ const STARVED_FRAMES: u32 = 2 * HOLD_FRAMES;
 pub const MAX_ADAPTS: u64 = 16_000;
 /// Most triangles that a frame moves to gaps in their list.
 const GAPS_CLOSED: usize = 64;
+/// How many frames ahead pages are prefetched.
+const FRAMES_AHEAD: f64 = 16.0;
+/// What part of the threshold the error of a node must be then.
+const LEAST_WISH: f32 = 0.7;
 /// How long a navigator that is to settle waits for the I/O process at a time.
 const LONGEST_WAIT: Duration = Duration::from_millis(100);
 
@@ -86,10 +91,13 @@ pub struct NavigatorOptions {
     pub max_adapts: Option<u64>,
     /// How the I/O process runs.
     pub io: Io,
-    /// Whether parents and children of pages in use are prefetched.
+    /// How many threads the I/O process has, where it has any; `None` for as many as the machine has cores, two to four. There
+    /// are fewer where they would take too much of the memory.
+    pub io_threads: Option<usize>,
+    /// Whether pages are prefetched that will probably be needed soon.
     pub prefetch: bool,
-    /// Whether a flushed page that is still in RAM is used again without a disk read.
-    pub second_chance: bool,
+    /// What becomes of pages that nobody needs at the moment.
+    pub policy: Policy,
 }
 
 impl Default for NavigatorOptions {
@@ -105,8 +113,9 @@ impl Default for NavigatorOptions {
             max_triangles: None,
             max_adapts: Some(MAX_ADAPTS),
             io: Io::Thread,
+            io_threads: None,
             prefetch: true,
-            second_chance: true,
+            policy: Policy::SecondChance,
         }
     }
 }
@@ -214,6 +223,7 @@ pub struct Navigator {
     /// Whether the last frame changed nothing, missed nothing, and kept the threshold.
     is_at_rest: bool,
     last_camera: Option<Camera>,
+    predictor: Predictor,
     /// With how many frames of this camera pages found no room.
     starved_frames: u32,
     /// Whether a page was missing in the last frame.
@@ -224,6 +234,11 @@ pub struct Navigator {
     /// The camera of the last frame that hit a limit, and the threshold's factor in it.
     limited_at: Option<(Camera, f32)>,
     pool_counters: PoolCounters,
+}
+
+/// How many threads read and decode where nobody says how many: as many as there are cores, two to four.
+fn usual_io_threads() -> usize {
+    std::thread::available_parallelism().map_or(2, usize::from).clamp(2, 4)
 }
 
 impl Navigator {
@@ -242,10 +257,16 @@ impl Navigator {
         if let Some((root, _)) = model.roots().iter().enumerate().find(|(_, root)| root.id == 0) {
             return Err(NavigatorError::Root { path: model.path().into(), root });
         }
-        let budget = budget::plan(&model, options.memory)?;
+        let io_threads = match options.io {
+            Io::Sync => 1,
+            Io::Thread => options.io_threads.unwrap_or_else(usual_io_threads),
+        };
+        let budget = budget::plan_with(&model, options.memory, io_threads)?;
         let front = Front::new(model.roots(), leaf_count, budget.front);
         let vertices = front.capacity().vertices;
-        let paging = Paging::start(model.clone(), budget.slots, options.io, options.prefetch, options.second_chance)?;
+        let NavigatorOptions { io, prefetch, policy, .. } = options;
+        let paging_options = PagingOptions { slots: budget.slots, io, io_threads: budget.io_threads, prefetch, policy };
+        let paging = Paging::start(model.clone(), paging_options)?;
         Ok(Navigator {
             model,
             options,
@@ -259,6 +280,7 @@ impl Navigator {
             threshold_factor: 1.0,
             is_at_rest: false,
             last_camera: None,
+            predictor: Predictor::default(),
             starved_frames: 0,
             chain_waits: false,
             patience_clock: 0,
@@ -282,7 +304,8 @@ impl Navigator {
         self.is_at_rest = false;
         let view = View::new(camera, header, self.options.width, self.options.height, &self.options.view)?;
         self.check_failure()?;
-        self.paging.pool().begin_frame();
+        self.paging.begin_frame();
+        self.predictor.add(camera);
         let stands_still = self.last_camera == Some(*camera);
         self.last_camera = Some(*camera);
         if !(stands_still && self.chain_waits) {
@@ -300,6 +323,8 @@ impl Navigator {
         let waits = self.evaluate(&view, threshold);
         self.collapse(&view, threshold, max_adapts, &mut statistics);
         self.split(&view, threshold, max_adapts, &mut statistics)?;
+        self.wish_ahead(&view, threshold)?;
+        self.paging.end_frame();
         self.check_failure()?;
         self.front.close_gaps(GAPS_CLOSED);
 
@@ -362,6 +387,11 @@ impl Navigator {
     /// Number of place holders.
     pub fn place_holders(&self) -> usize {
         self.budget.slots
+    }
+
+    /// Number of those who read and decode pages.
+    pub fn io_threads(&self) -> usize {
+        self.budget.io_threads
     }
 
     /// Number of triangles drawn.
@@ -515,6 +545,28 @@ impl Navigator {
         waits
     }
 
+    /// Names the pages that will probably be needed by and by: those of the active nodes whose error will be near the
+    /// threshold where the camera will probably be, see [`prediction`](crate::prediction). A part of the front in each frame.
+    fn wish_ahead(&mut self, now: &View, threshold: f32) -> Result<(), NavigatorError> {
+        let Some(camera) = self.predictor.ahead(FRAMES_AHEAD).filter(|_| self.options.prefetch) else { return Ok(()) };
+        let NavigatorOptions { width, height, view, .. } = &self.options;
+        let then = View::new(&camera, self.model.header(), *width, *height, view)?;
+        // The test for collapses has a wider frustum: a node beside the picture may be forced by one in it.
+        let (for_wish, then, now) =
+            (then.collapses(threshold * LEAST_WISH), then.splits(threshold), now.splits(threshold));
+        let part = self.frame as usize % SWEEP_FRAMES;
+        let blocks = self.front.blocks().zip(self.front.leads_out()).enumerate();
+        for (chunk, ((positions, criteria, _), leads_out)) in blocks.skip(part).step_by(SWEEP_FRAMES) {
+            for place in bits(for_wish.exceeding(positions, criteria) & leads_out) {
+                let vertex = (chunk * CHUNK) as u32 + place;
+                let sphere = self.front.sphere(vertex);
+                let priority = prediction::priority(now.error(&sphere), then.error(&sphere), threshold);
+                self.paging.wish(&want(&self.front, vertex, priority));
+            }
+        }
+        Ok(())
+    }
+
     fn collapse(&mut self, view: &View, threshold: f32, max_adapts: u64, statistics: &mut FrameStatistics) {
         let for_collapse = view.collapses(threshold);
         let is_implicit = self.options.dependency == Dependency::Implicit;
@@ -572,7 +624,8 @@ impl Navigator {
             if !is_wish {
                 continue;
             }
-            let refinement = refiner.split(vertex)?;
+            let error = for_split.error(&refiner.front.sphere(vertex)) / threshold.max(f32::MIN_POSITIVE);
+            let refinement = refiner.split(vertex, error)?;
             for born in refiner.born() {
                 let front = &refiner.front;
                 for child in [front.kept(born), born].into_iter().filter(|child| !front.is_leaf(*child)) {
@@ -651,11 +704,17 @@ impl Navigator {
         let part = |used: usize, limit: usize, whole: usize| {
             if limit >= whole { 0.0 } else { used as f64 / limit.max(1) as f64 }
         };
-        // One place holder is never needed.
-        let (slots, pages) = (self.budget.slots - 1, header.page_count as usize + SPARE_SLOTS - 1);
+        // One place holder is never needed, nor are those that are reserved.
+        let pages = header.page_count as usize;
+        let (slots, pages) =
+            (self.budget.slots + 1 - reserved_slots(self.budget.slots, header), pages + SPARE_SLOTS - 1);
         let capacity = self.front.capacity();
         part(self.front.vertex_count(), capacity.vertices, header.leaf_count as usize)
-            .max(part(self.front.line_count(), capacity.lines, usize::MAX))
+            .max(part(
+                self.front.line_count(),
+                capacity.lines,
+                Capacity::most_lines(header.leaf_count as usize, header.triangle_count as usize),
+            ))
             .max(part(self.front.triangle_count(), self.triangle_limit(), header.triangle_count as usize))
             .max(part(self.paging.pool().needed(), slots, pages))
     }

@@ -1,25 +1,91 @@
-//! The navigator's side of the pool and the board: usage counts, and requests for pages that are missing.
+//! The navigator's side of the pool and the board: usage counts, the pages in use, and requests and wishes for those that are
+//! missing.
+//!
+//! The navigator knows the pages in use itself: for each place holder the page, its number, and its usage count, how many
+//! of its splits are applied. So nothing of what it does most, reading records and counting splits, asks the pool for anything;
+//! the pool is told when a page comes into use and when it goes out of it.
+//!
+//! # Wishes
+//!
+//! A frame names pages that will probably be needed soon (see [`Paging::wish`]). It need not look everywhere: what it names stays
+//! wished for [`SWEEP_FRAMES`] frames, so that each of them may look at its part of the front. At its end the strongest wishes are
+//! the prefetch list, at most half as many as there are place holders and no more than [`WISH_LIMIT`].
 
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use metanode::model::Model;
 use metanode::page::{Page, PageLocation};
-use parking_lot::RwLockReadGuard;
 
-use crate::board::{Board, Request};
-use crate::front::{Front, Misfit, NONE};
+use crate::board::{Board, Command, Request};
+use crate::front::{Misfit, NONE};
 use crate::io_process::{Io, IoProcess};
 use crate::navigator::NavigatorError;
-use crate::pool::{Hold, Pool, Use, splits_to_refer};
+use crate::pool::{Found, Hold, Policy, Pool, reserved_slots};
+
+/// In how many frames the front is looked at for pages to be wished, a part of it in each.
+pub const SWEEP_FRAMES: usize = 4;
+/// Most wishes.
+const WISH_LIMIT: usize = 1024;
+
+/// Bytes that wishes take for each place holder, at the most: there is a wish for two of them. Those of a frame, of the last ones,
+/// of all together, and on the board.
+pub const WISH_BYTES: usize =
+    size_of::<Want>() + ((2 * SWEEP_FRAMES + 1) * size_of::<Command>() + 2 * size_of::<u32>()).div_ceil(2);
+
+fn wish_limit(slots: usize) -> usize {
+    (slots / 2).clamp(1, WISH_LIMIT)
+}
+
+/// The page that the split of an active node is in, and how much it is wanted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Want {
+    /// Number of the page.
+    pub page: u32,
+    /// The place holder of the page with the parent's split, which is in use; [`NONE`] for a root.
+    pub parent_slot: u32,
+    /// Number of the root, where there is no parent.
+    pub root: u32,
+    /// How much it is wanted: the node's error in pixels over the threshold; for wishes see [`prediction`](crate::prediction).
+    pub error: f32,
+}
+
+/// What became of a wish to use a page.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Use {
+    /// It is in this slot, and its usage count is one more.
+    Granted {
+        /// The slot.
+        slot: u32,
+    },
+    /// It is not there, and has been asked for.
+    Missing,
+    /// Too many slots are in use.
+    Refused,
+}
 
 /// Who carries out the commands on the board.
 #[derive(Debug)]
 enum Executor {
     /// The navigator itself, at once.
     Inline(Box<IoProcess>),
-    /// A thread; `None` once it has ended.
-    Thread(Option<JoinHandle<()>>),
+    /// Threads.
+    Threads(Vec<JoinHandle<()>>),
+}
+
+/// What the I/O process is to be like.
+#[derive(Debug, Clone, Copy)]
+pub struct PagingOptions {
+    /// Number of place holders.
+    pub slots: usize,
+    /// How it runs.
+    pub io: Io,
+    /// How many threads it has.
+    pub io_threads: usize,
+    /// Whether wishes are listened to.
+    pub prefetch: bool,
+    /// What becomes of pages that nobody needs.
+    pub policy: Policy,
 }
 
 /// The way from the nodes of a front to their pages.
@@ -29,35 +95,80 @@ pub struct Paging {
     pool: Arc<Pool>,
     board: Arc<Board>,
     executor: Executor,
-    /// The page in each place holder that is in use.
+    prefetch: bool,
+    /// For each place holder the page that is in use there, else one without records; its number; and its usage count.
+    pages: Vec<Arc<Page>>,
     page_of_slot: Vec<u32>,
+    usage: Vec<u32>,
+    wish_limit: usize,
+    /// What was wished in this frame, and in the last ones; all of that together; and the pages of the last prefetch list, with
+    /// the pool's version by then.
+    wants: Vec<Want>,
+    wishes: [Vec<Command>; SWEEP_FRAMES],
+    merged: Vec<Command>,
+    published: Vec<u32>,
+    published_at: u64,
+    frame: usize,
+}
+
+/// By how strongly it is wished: the strongest first, and among equals the page with the smaller number.
+fn strongest_first(commands: &mut [Command]) {
+    commands.sort_unstable_by(|one, other| other.priority.total_cmp(&one.priority).then(one.page().cmp(&other.page())));
+}
+
+/// Leaves of several wishes for the same page the strongest.
+fn merge(commands: &mut Vec<Command>) {
+    commands.sort_unstable_by(|one, other| one.page().cmp(&other.page()).then(other.priority.total_cmp(&one.priority)));
+    commands.dedup_by_key(|command| command.page());
 }
 
 impl Paging {
-    /// Fills a pool with the root pages and their children, and starts the I/O process.
-    pub fn start(
-        model: Arc<Model>,
-        slots: usize,
-        io: Io,
-        prefetch: bool,
-        second_chance: bool,
-    ) -> Result<Self, NavigatorError> {
+    /// Fills a pool with the root pages, and starts the I/O process.
+    pub fn start(model: Arc<Model>, options: PagingOptions) -> Result<Self, NavigatorError> {
+        let PagingOptions { slots, io, io_threads, prefetch, policy } = options;
         let pages = (0..slots).map(|_| model.empty_page()).collect();
-        let pool = Arc::new(Pool::new(pages, second_chance));
-        let board = Arc::new(Board::new(slots));
-        let mut process = IoProcess::new(model.clone(), pool.clone(), board.clone(), prefetch);
-        process.load_roots(model.root_pages());
+        let reserved = reserved_slots(slots, model.header());
+        let pool = Arc::new(Pool::new(pages, reserved, policy));
+        let readers = if io == Io::Sync { 1 } else { io_threads.max(1) };
+        let board = Arc::new(Board::new(slots, readers));
+        let new_process = || IoProcess::new(model.clone(), pool.clone(), board.clone());
+        let mut process = new_process();
+        process.load_roots();
         if let Some(failure) = board.take_failure() {
             return Err(failure.into());
         }
-        let executor = match io {
-            Io::Sync => Executor::Inline(Box::new(process)),
-            Io::Thread => {
-                let thread = process.run_in_thread().map_err(|source| NavigatorError::Thread { source })?;
-                Executor::Thread(Some(thread))
-            }
+        let wish_limit = wish_limit(slots);
+        let nothing = pool.nothing().clone();
+        let mut paging = Paging {
+            model: model.clone(),
+            pool: pool.clone(),
+            board: board.clone(),
+            executor: Executor::Threads(Vec::new()),
+            prefetch,
+            pages: vec![nothing; slots],
+            page_of_slot: vec![NONE; slots],
+            usage: vec![0; slots],
+            wish_limit,
+            wants: Vec::with_capacity(2 * wish_limit),
+            wishes: std::array::from_fn(|_| Vec::with_capacity(wish_limit)),
+            merged: Vec::with_capacity(SWEEP_FRAMES * wish_limit),
+            published: Vec::with_capacity(wish_limit),
+            published_at: 0,
+            frame: 0,
         };
-        Ok(Paging { model, pool, board, executor, page_of_slot: vec![NONE; slots] })
+        match io {
+            Io::Sync => paging.executor = Executor::Inline(Box::new(process)),
+            Io::Thread => {
+                for process in std::iter::once(process).chain((1..readers).map(|_| new_process())) {
+                    // Those that run are ended where one cannot be started.
+                    let thread = process.run_in_thread().map_err(|source| NavigatorError::Thread { source })?;
+                    if let Executor::Threads(threads) = &mut paging.executor {
+                        threads.push(thread);
+                    }
+                }
+            }
+        }
+        Ok(paging)
     }
 
     /// The pool.
@@ -71,73 +182,150 @@ impl Paging {
     }
 
     /// The page in a place holder that is in use.
-    pub fn page(&self, slot: u32) -> RwLockReadGuard<'_, Page> {
-        self.pool.page(slot)
+    pub fn page(&self, slot: u32) -> &Page {
+        &self.pages[slot as usize]
     }
 
-    /// Number of the page in a place holder that is in use.
+    /// Number of the page in a place holder that is in use; [`NONE`] for one that is not.
     pub fn page_number(&self, slot: u32) -> u32 {
         self.page_of_slot[slot as usize]
     }
 
-    /// Counts the use of the page that the split of the active node at a vertex is in. A missing page is asked for urgently.
-    pub fn begin_use(&mut self, front: &Front, vertex: u32) -> Use {
-        let (page, _) = front.place(vertex);
-        let above = front.slot_above(vertex);
-        if above != NONE {
-            // Most often the parent's split is in the same page, which is therefore in use.
-            let slot = above;
-            if self.page_of_slot[slot as usize] == page {
-                self.pool.use_again(slot);
-                return Use::Granted { slot };
-            }
+    /// How many splits of the page in each place holder are applied.
+    pub fn usage(&self) -> &[u32] {
+        &self.usage
+    }
+
+    /// A frame begins.
+    pub fn begin_frame(&mut self) {
+        self.pool.begin_frame();
+        let stale = self.board.begin_frame();
+        self.count_cancelled(stale);
+        self.frame += 1;
+        self.wants.clear();
+    }
+
+    fn count_cancelled(&self, count: u64) {
+        if count > 0 {
+            self.pool.count(|counters| counters.cancelled += count);
+        }
+    }
+
+    /// Counts the use of the page that the split of an active node is in. A missing page is asked for urgently.
+    pub fn begin_use(&mut self, want: &Want) -> Use {
+        let Want { page, parent_slot, .. } = *want;
+        // Most often the parent's split is in the same page, which is therefore in use.
+        if parent_slot != NONE && self.page_number(parent_slot) == page {
+            self.usage[parent_slot as usize] += 1;
+            return Use::Granted { slot: parent_slot };
         }
         // The parent's page is in use, and its ancestors are there. Who has no parent may have to have them brought in.
-        let way = if above == NONE { self.model.way_to(page) } else { Vec::new() };
+        let way = if parent_slot == NONE { self.model.way_to(page) } else { Vec::new() };
         let mut found = self.pool.use_page(page, &way);
-        if found == Use::Missing {
-            let parent = (above != NONE).then(|| self.page_of_slot[above as usize]);
-            let request = Request { location: self.location(front, vertex), parent };
-            self.board.post_urgent(request);
+        if matches!(found, Found::Missing) {
+            self.ask_urgently(want);
             if self.run_inline() {
                 found = self.pool.use_page(page, &way);
-                if found == Use::Missing {
+                if matches!(found, Found::Missing) && !self.board.has_failure() {
                     // What else is held is for later; this page is used now.
                     self.pool.end_all_holds();
-                    self.board.post_urgent(request);
+                    self.ask_urgently(want);
                     self.run_inline();
                     found = self.pool.use_page(page, &way);
                 }
             }
         }
-        if let Use::Granted { slot } = found {
-            self.page_of_slot[slot as usize] = page;
+        match found {
+            Found::Granted { slot, fresh } => {
+                if let Some(fresh) = fresh {
+                    self.pages[slot as usize] = fresh;
+                    self.page_of_slot[slot as usize] = page;
+                }
+                self.usage[slot as usize] += 1;
+                Use::Granted { slot }
+            }
+            Found::Missing | Found::Coming => Use::Missing,
+            Found::Refused => Use::Refused,
         }
-        found
     }
 
-    /// The use begun before has led to a split.
-    pub fn confirm_use(&mut self, slot: u32) {
-        if self.pool.usage(slot) == splits_to_refer(&self.pool.page(slot)) {
-            self.board.post_change(slot);
-            self.run_inline();
-        }
+    fn ask_urgently(&self, want: &Want) {
+        let dropped = self.board.post_urgent(self.request(want), want.error);
+        self.count_cancelled(dropped);
     }
 
     /// The use begun before has led to nothing, as yet.
     pub fn cancel_use(&mut self, slot: u32) {
-        if self.pool.stop_using(slot, Hold::Keep) {
-            self.page_of_slot[slot as usize] = NONE;
-        }
+        self.end_use(slot, Hold::Keep);
     }
 
     /// A split of the page in this place holder was undone.
     pub fn end_use(&mut self, slot: u32, hold: Hold) {
-        if self.pool.stop_using(slot, hold) {
+        let usage = &mut self.usage[slot as usize];
+        *usage -= 1;
+        if *usage == 0 {
             self.page_of_slot[slot as usize] = NONE;
-            self.board.post_change(slot);
-            self.run_inline();
+            self.pages[slot as usize] = self.pool.nothing().clone();
+            self.pool.stop_using(slot, hold);
         }
+    }
+
+    /// The page that the split of this node is in will probably be needed soon.
+    pub fn wish(&mut self, want: &Want) {
+        let is_in_use = want.parent_slot != NONE && self.page_number(want.parent_slot) == want.page;
+        if !self.prefetch || is_in_use {
+            return;
+        }
+        if self.wants.len() == self.wants.capacity() {
+            self.merge_wants();
+        }
+        self.wants.push(*want);
+    }
+
+    /// Leaves of what was wished in this frame each page once, and the strongest of them.
+    fn merge_wants(&mut self) {
+        let wants = &mut self.wants;
+        wants.sort_unstable_by(|one, other| one.page.cmp(&other.page).then(other.error.total_cmp(&one.error)));
+        wants.dedup_by_key(|want| want.page);
+        if wants.len() > self.wish_limit {
+            wants.sort_unstable_by(|one, other| other.error.total_cmp(&one.error));
+            wants.truncate(self.wish_limit);
+        }
+    }
+
+    /// A frame ends: what was wished in it and the last ones is the prefetch list from now on.
+    pub fn end_frame(&mut self) {
+        if !self.prefetch {
+            return;
+        }
+        self.merge_wants();
+        let mut wishes = std::mem::take(&mut self.wishes[self.frame % SWEEP_FRAMES]);
+        wishes.clear();
+        wishes.extend(self.wants.iter().map(|want| Command {
+            request: self.request(want),
+            priority: want.error,
+            is_urgent: false,
+        }));
+        self.wishes[self.frame % SWEEP_FRAMES] = wishes;
+        let merged = &mut self.merged;
+        merged.clear();
+        self.wishes.iter().for_each(|wishes| merged.extend_from_slice(wishes));
+        merge(merged);
+        strongest_first(merged);
+        merged.truncate(self.wish_limit);
+        self.pool.renew_wishes(merged);
+        // The same list, after nothing has changed, would find no room again, and never let the I/O process come to rest.
+        let version = self.pool.version();
+        let pages = merged.iter().map(Command::page);
+        if version == self.published_at && pages.clone().eq(self.published.iter().copied()) {
+            return;
+        }
+        self.published.clear();
+        self.published.extend(pages);
+        self.published_at = version;
+        let cancelled = self.board.publish(merged);
+        self.count_cancelled(cancelled);
+        self.run_inline();
     }
 
     /// An error that names the file and the page that does not fit.
@@ -145,14 +333,18 @@ impl Paging {
         NavigatorError::Misfit { path: self.model.path().into(), page, source }
     }
 
-    /// Where the page lies that the split of the active node at a vertex is in.
-    pub fn location(&self, front: &Front, vertex: u32) -> PageLocation {
-        match front.slot_above(vertex) {
-            // The roots are the first vertices of the front, in their order.
-            NONE => self.model.roots()[vertex as usize].page,
-            above => {
-                let page = self.pool.page(above);
-                let child = front.place(vertex).0.wrapping_sub(page.child_location(0).number);
+    fn request(&self, want: &Want) -> Request {
+        let parent = (want.parent_slot != NONE).then(|| self.page_number(want.parent_slot));
+        Request { location: self.location(want), parent }
+    }
+
+    /// Where a page lies that is wanted.
+    pub fn location(&self, want: &Want) -> PageLocation {
+        match want.parent_slot {
+            NONE => self.model.roots()[want.root as usize].page,
+            slot => {
+                let page = self.page(slot);
+                let child = want.page.wrapping_sub(page.child_location(0).number);
                 page.child_location(child as usize)
             }
         }
@@ -165,16 +357,16 @@ impl Paging {
                 process.run_pending();
                 true
             }
-            Executor::Thread(_) => false,
+            Executor::Threads(_) => false,
         }
     }
 }
 
 impl Drop for Paging {
     fn drop(&mut self) {
-        if let Executor::Thread(thread) = &mut self.executor {
+        if let Executor::Threads(threads) = &mut self.executor {
             self.board.post_stop();
-            if let Some(thread) = thread.take() {
+            for thread in threads.drain(..) {
                 // It can only have failed by a panic, which has been reported by then.
                 let _ = thread.join();
             }

@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
 use glam::{DVec3, Vec3};
 use metanode::chain::PageChain;
@@ -13,12 +14,14 @@ use proptest::prelude::*;
 use storage::{Disk, FaultyDisk, MemoryDisk};
 use vdt::tree::{NO_SPLIT, Tree};
 
+use crate::budget::plan_with;
 use crate::check::{check, check_cut};
 use crate::evaluation::Test;
 use crate::testing::{self, Mesh, Random, SMALL_PAGES};
 use crate::view::{Sphere, View};
 use crate::{
-    Camera, Dependency, FrameStatistics, Io, Light, Navigator, NavigatorError, NavigatorOptions, ViewParameters,
+    Camera, Dependency, FlightSummary, FrameStatistics, Io, Light, Navigator, NavigatorError, NavigatorOptions, Policy,
+    ViewParameters,
 };
 
 fn open(disk: &dyn Disk) -> Arc<Model> {
@@ -176,6 +179,10 @@ fn path(model: &Model, cameras: &[([f64; 3], [f64; 3])]) -> Vec<Camera> {
     path
 }
 
+fn policies() -> impl Strategy<Value = Policy> {
+    prop_oneof![Just(Policy::SecondChance), Just(Policy::LeastRecentlyUsed), Just(Policy::None)]
+}
+
 fn dependencies() -> impl Strategy<Value = Dependency> {
     prop_oneof![Just(Dependency::Implicit), Just(Dependency::None)]
 }
@@ -191,14 +198,15 @@ proptest! {
         dependency in dependencies(),
         io in prop_oneof![Just(Io::Sync), Just(Io::Thread)],
         (pixels, share, max_triangles) in (0.3..6.0_f32, 0.0..1.2_f64, prop::option::of(10..400_u64)),
-        (prefetch, second_chance) in any::<(bool, bool)>(),
+        (prefetch, policy) in (any::<bool>(), policies()),
+        io_threads in prop::option::of(1..4_usize),
     ) {
         let disk = testing::disk_of(&tree, blocking);
         let model = open(&disk);
         let (smallest, whole) = (smallest_memory(&model), 1 << 20);
         let memory = smallest + ((whole as f64 - smallest as f64).max(0.0) * share * share) as u64;
         let options =
-            NavigatorOptions { memory, pixels, dependency, io, max_triangles, prefetch, second_chance, ..options() };
+            NavigatorOptions { memory, pixels, dependency, io, io_threads, max_triangles, prefetch, policy, ..options() };
         let mut navigator = Navigator::open(model.clone(), options).unwrap();
         prop_assert!(navigator.budget_bytes() <= memory);
         prop_assert_eq!(navigator.active_count(), tree.roots.len());
@@ -216,7 +224,7 @@ proptest! {
             if io == Io::Sync {
                 prop_assert_eq!(statistics.misses, 0);
             }
-            if !second_chance {
+            if policy == Policy::None {
                 prop_assert_eq!(statistics.second_chances, 0);
             }
         }
@@ -468,6 +476,73 @@ fn disk_errors_are_told_and_survived() {
     }
 }
 
+/// What fails now and then, or comes altered, is read again, and nobody notices but the counters.
+#[test]
+fn a_flaky_disk_is_read_again() {
+    let tree = testing::grid_tree(30, 30, 3);
+    let fly = |fail: f64, alter: f64| {
+        let disk = FaultyDisk::new(Arc::new(testing::disk_of(&tree, SMALL_PAGES)));
+        let model = open(&disk);
+        let memory = smallest_memory(&model) + 45_000;
+        let mut navigator = Navigator::open(model.clone(), NavigatorOptions { memory, ..options() }).unwrap();
+        disk.fail_share_of_reads(fail, 11);
+        disk.alter_share_of_reads(alter, 11);
+        let cameras = "flyby:60".parse::<crate::PathSpec>().unwrap().cameras(&MemoryDisk::new(), &model);
+        let mut summary = FlightSummary::default();
+        let mut cuts = Vec::new();
+        for camera in cameras.unwrap() {
+            summary.add(&navigator.frame(&camera).unwrap());
+            cuts.push(starts(&navigator));
+        }
+        disk.heal();
+        check(&navigator).unwrap();
+        assert_eq!(summary.read_failures, 0);
+        (cuts, summary.retries)
+    };
+    let (cuts, retries) = fly(0.0, 0.0);
+    assert_eq!(retries, 0);
+    for (fail, alter) in [(0.03, 0.0), (0.0, 0.03)] {
+        let (flaky, retries) = fly(fail, alter);
+        assert!(retries > 0);
+        assert!(flaky == cuts);
+    }
+}
+
+/// Several threads read at once, slowly, and with faults: all that must hold does after every frame, and the picture comes to
+/// rest.
+#[test]
+fn threads_that_race_do_no_harm() {
+    let tree = Mesh::beside(vec![Mesh::sphere(4), Mesh::grid(30, 30, 1), Mesh::grid(3, 3, 3)]).into_tree(2, 10);
+    for (io_threads, policy) in
+        [(2, Policy::SecondChance), (4, Policy::SecondChance), (4, Policy::LeastRecentlyUsed), (3, Policy::None)]
+    {
+        let disk = FaultyDisk::new(Arc::new(testing::disk_of(&tree, SMALL_PAGES)));
+        let model = open(&disk);
+        // The least with so many threads.
+        let smallest = smallest_memory(&model);
+        let has_threads = |memory: &u64| plan_with(&model, *memory, io_threads).unwrap().io_threads == io_threads;
+        let memory = (0..).map(|step| smallest + step * 20_000).find(has_threads).unwrap();
+        let options = NavigatorOptions { memory, policy, io: Io::Thread, io_threads: Some(io_threads), ..options() };
+        let mut navigator = Navigator::open(model.clone(), options).unwrap();
+        assert_eq!(navigator.io_threads(), io_threads);
+        disk.fail_share_of_reads(0.01, 3);
+        disk.delay_share_of_reads(0.05, Duration::from_millis(2), 3);
+        let cameras = "flyby:150".parse::<crate::PathSpec>().unwrap().cameras(&MemoryDisk::new(), &model).unwrap();
+        let mut summary = FlightSummary::default();
+        for camera in &cameras {
+            summary.add(&navigator.frame(camera).unwrap());
+            check_cut(&navigator).unwrap();
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        navigator.run_until_settled(&cameras[75], 10_000).unwrap();
+        assert!(navigator.settled());
+        disk.heal();
+        check(&navigator).unwrap();
+        assert_is_mesh_of_cut(&navigator, &tree);
+        assert!(summary.prefetched > 0 && summary.read_failures == 0, "{summary:?}");
+    }
+}
+
 /// A camera in the middle of the surface, and a far one, in turns, in next to no memory.
 /// The page of a tree that begins further down can only come after those above it, of which no split may be applied.
 #[test]
@@ -482,11 +557,11 @@ fn trees_that_begin_further_down_are_reached() {
     let leaf = Vec3::from_array(deepest.position).as_dvec3() + DVec3::from_array(tree.origin);
     let close = Camera::looking_at(leaf + DVec3::new(0.3, 0.2, 0.5), leaf + DVec3::new(0.3, 0.2, 0.0), 60.0);
     let far = camera(&model, [3.0, 2.0, 1.0], [0.0; 3]);
-    for (io, prefetch, second_chance) in
-        [Io::Sync, Io::Thread].into_iter().flat_map(|io| [(io, true, true), (io, false, true), (io, true, false)])
-    {
+    let (second_chance, none) = (Policy::SecondChance, Policy::None);
+    let modes = |io: Io| [(io, true, second_chance), (io, false, second_chance), (io, true, none)];
+    for (io, prefetch, policy) in [Io::Sync, Io::Thread].into_iter().flat_map(modes) {
         let memory = smallest_memory(&model);
-        let options = NavigatorOptions { memory, io, prefetch, second_chance, pixels: 0.5, ..options() };
+        let options = NavigatorOptions { memory, io, prefetch, policy, pixels: 0.5, ..options() };
         let mut navigator = Navigator::open(model.clone(), options).unwrap();
         for camera in [close, far, close] {
             navigator.run_until_settled(&camera, 2000).unwrap();

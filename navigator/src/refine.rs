@@ -16,8 +16,8 @@
 use crate::dependency::{self, Dependency};
 use crate::front::{Front, Prepared};
 use crate::navigator::NavigatorError;
-use crate::paging::Paging;
-use crate::pool::{Hold, Use};
+use crate::paging::{Paging, Use, Want};
+use crate::pool::Hold;
 
 /// Most nodes of a chain of neighbours. Of a longer one the end is worked off first, and then it is begun again.
 const CHAIN_LIMIT: usize = if cfg!(test) { 12 } else { 1024 };
@@ -104,6 +104,12 @@ pub struct Refiner<'a> {
     pub now: u16,
 }
 
+/// The page that the split of the active node at a vertex is in.
+pub fn want(front: &Front, vertex: u32, error: f32) -> Want {
+    // The roots are the first vertices of the front, in their order.
+    Want { page: front.place(vertex).0, parent_slot: front.slot_above(vertex), root: vertex, error }
+}
+
 /// What became of the topmost node of the stack.
 enum Step {
     Applied {
@@ -117,8 +123,8 @@ enum Step {
 
 impl Refiner<'_> {
     /// Splits the active node at the vertex `wish`, and before it what has to be. What was applied in the end, [`Refiner::born`]
-    /// tells.
-    pub fn split(&mut self, wish: u32) -> Result<Refinement, NavigatorError> {
+    /// tells. Its error is so many times the threshold.
+    pub fn split(&mut self, wish: u32, error: f32) -> Result<Refinement, NavigatorError> {
         let wish = Link { vertex: wish, id: self.front.id(wish), follows: false };
         self.chain.stack.clear();
         self.chain.log.clear();
@@ -139,7 +145,8 @@ impl Refiner<'_> {
                 self.chain.stack.pop();
                 continue;
             }
-            let step = if self.is_too_long() { Ok(Step::Impossible(Outcome::Blocked)) } else { self.step(link.vertex) };
+            let step =
+                if self.is_too_long() { Ok(Step::Impossible(Outcome::Blocked)) } else { self.step(link.vertex, error) };
             match step {
                 Ok(Step::Applied { born }) => {
                     done.splits += 1;
@@ -196,31 +203,27 @@ impl Refiner<'_> {
         stack.len() >= STACK_LIMIT
     }
 
-    /// Applies the split of the node at a vertex, if nothing is in its way.
-    fn step(&mut self, vertex: u32) -> Result<Step, NavigatorError> {
-        let slot = match self.paging.begin_use(self.front, vertex) {
+    /// Applies the split of the node at a vertex, if nothing is in its way. `error` is that of the wish.
+    fn step(&mut self, vertex: u32, error: f32) -> Result<Step, NavigatorError> {
+        let slot = match self.paging.begin_use(&want(self.front, vertex, error)) {
             Use::Granted { slot } => slot,
             Use::Missing => return Ok(Step::Impossible(Outcome::Missing)),
             Use::Refused => return Ok(Step::Impossible(Outcome::PoolFull)),
         };
         let page = self.paging.page(slot);
-        let prepared = match self.front.prepare(vertex, &page) {
+        let prepared = match self.front.prepare(vertex, page) {
             Ok(prepared) => prepared,
             Err(source) => {
                 let number = page.number();
-                drop(page);
                 self.paging.cancel_use(slot);
                 return Err(self.paging.misfit(number, source));
             }
         };
         if let Some(refused) = self.refusal(&prepared) {
-            drop(page);
             self.paging.cancel_use(slot);
             return Ok(refused);
         }
-        let born = self.front.split(&prepared, &page, slot);
-        drop(page);
-        self.paging.confirm_use(slot);
+        let born = self.front.split(&prepared, page, slot);
         Ok(Step::Applied { born })
     }
 

@@ -52,6 +52,10 @@ impl ReadAt for CountingRead {
         self.inner.length()
     }
 
+    fn is_direct(&self) -> bool {
+        self.inner.is_direct()
+    }
+
     fn read_at(&self, offset: u64, buffer: &mut [u8]) -> Result<usize, StorageError> {
         let count = self.inner.read_at(offset, buffer)?;
         self.counters.read.fetch_add(count as u64, Ordering::Relaxed);

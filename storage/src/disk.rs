@@ -105,6 +105,11 @@ pub trait ReadAt: Send + Sync + Debug {
     /// Length of the file in bytes, as it was when it was opened.
     fn length(&self) -> u64;
 
+    /// Whether reads go past the system's page cache. Decided when the file is opened.
+    fn is_direct(&self) -> bool {
+        false
+    }
+
     /// Reads up to `buffer.len()` bytes at byte `offset`; fewer only at the end of the file (0 past it).
     fn read_at(&self, offset: u64, buffer: &mut [u8]) -> Result<usize, StorageError>;
 
@@ -267,12 +272,12 @@ impl ReadAt for LocalFile {
 }
 
 #[cfg(unix)]
-fn positioned_read(file: &fs::File, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
+pub(crate) fn positioned_read(file: &fs::File, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
     std::os::unix::fs::FileExt::read_at(file, buffer, offset)
 }
 
 #[cfg(windows)]
-fn positioned_read(file: &fs::File, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
+pub(crate) fn positioned_read(file: &fs::File, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
     std::os::windows::fs::FileExt::seek_read(file, buffer, offset)
 }
 

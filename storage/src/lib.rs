@@ -6,8 +6,9 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`disk`] | the trait, and the machine's own file system behind it |
+//! | [`direct_disk`] | the same, past the system's page cache |
 //! | [`memory_disk`] | a file system in RAM, for tests |
-//! | [`faulty_disk`] | a disk that fails where a test says so |
+//! | [`faulty_disk`] | a disk that fails, or is slow, where a test says so |
 //! | [`atomic_file`] | a file that appears whole under its name, or not at all |
 //! | [`counting_disk`] | a disk that counts what passes through it |
 //! | [`sequential`] | buffered reading of a file from front to back |
@@ -30,6 +31,7 @@ mod background;
 mod buffers;
 pub mod byte_size;
 pub mod counting_disk;
+pub mod direct_disk;
 pub mod disk;
 pub mod edge_tree;
 pub mod faulty_disk;
@@ -50,6 +52,7 @@ pub mod usage;
 pub use atomic_file::{AtomicFile, Standstill, remove_unfinished};
 pub use byte_size::ByteSize;
 pub use counting_disk::CountingDisk;
+pub use direct_disk::DirectDisk;
 pub use disk::{Block, Disk, LocalDisk, ReadAt, ScratchFile, StorageError, WriteFile};
 pub use edge_tree::{Edge, EdgeTree, EdgeTreeError, EdgeTreeKind};
 pub use faulty_disk::FaultyDisk;

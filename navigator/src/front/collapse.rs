@@ -6,7 +6,7 @@ impl Front {
     /// Collapses the two children of the node whose split bore `born`, which can be undone. `page` is the number of the page that
     /// its record is in.
     pub fn collapse(&mut self, born: u32, page: u32) {
-        let Birth { kept: vertex, previous, id, moved_by, radius, switch, cone, record, .. } =
+        let Birth { kept: vertex, previous, slot, id, moved_by, radius, switch, cone, record, .. } =
             self.births[born as usize];
         let kept = vertex as usize;
         let Span { end, .. } = self.spans[born as usize];
@@ -37,6 +37,8 @@ impl Front {
         self.links[kept] = Links { last: previous, star, page, record };
         self.set_split(kept, radius, switch, cone);
         self.set_child(born as usize, None);
+        // Pages in use are each in a place holder of their own.
+        self.set_leads_out(kept, self.slot_above(vertex) != slot);
         self.set_collapse(vertex, previous);
         let above = self.births[kept].kept;
         if previous == NONE && above != NONE && self.links[above as usize].last == vertex {

@@ -148,6 +148,14 @@ pub struct Capacity {
     pub born_triangles: usize,
 }
 
+impl Capacity {
+    /// Cache lines of stars that are enough for the front of any model with so many vertices and triangles: all lines but one of
+    /// each star are full.
+    pub fn most_lines(vertices: usize, triangles: usize) -> usize {
+        vertices + (3 * triangles).div_ceil(stars::CORNERS)
+    }
+}
+
 /// A corner of a triangle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Corner {
@@ -167,6 +175,8 @@ pub struct Front {
     positions: Vec<[f32; 4]>,
     split_criteria: Vec<Criteria>,
     collapse_criteria: Vec<Criteria>,
+    /// For each chunk a bit for each vertex: whether the split of the active node is in another page than its parent's.
+    leads_out: Vec<u64>,
     numbers: Numbers,
     changes: Changes,
     stars: Stars,
@@ -201,6 +211,7 @@ impl Front {
             positions: list(vertices),
             split_criteria: list(chunks),
             collapse_criteria: list(chunks),
+            leads_out: list(chunks),
             numbers: Numbers::new(vertices),
             changes: Changes::new(vertices),
             stars: Stars::new(capacity.lines),
@@ -219,6 +230,7 @@ impl Front {
             front.links[vertex] = Links { page: root.page.number, record: root.record, ..NO_LINKS };
             front.births[vertex] = NO_BIRTH;
             front.set_split(vertex, root.radius, root.switch, root.cone);
+            front.set_leads_out(vertex, true);
         }
         front
     }
@@ -341,6 +353,11 @@ impl Front {
         positions.iter().zip(&self.split_criteria).zip(&self.collapse_criteria).map(|((p, s), c)| (p, s, c))
     }
 
+    /// For each block, of which vertices the split of the active node is in another page than its parent's: a bit for each.
+    pub fn leads_out(&self) -> impl Iterator<Item = u64> + '_ {
+        self.leads_out.iter().copied()
+    }
+
     /// Positions, with the word of the normal, by the numbers of the vertices.
     pub fn positions(&self) -> &[[f32; 4]] {
         &self.positions
@@ -446,6 +463,8 @@ impl Front {
             if last != NONE && self.is_collapsible(last) { self.births[last as usize].switch } else { NO_COLLAPSE };
         if (split == NO_SPLIT) != self.is_leaf(vertex) {
             Err("a leaf is to be split, or a node never is")
+        } else if (self.leads_out[chunk] >> place & 1 == 1) && self.is_leaf(vertex) {
+            Err("a leaf leads into a page")
         } else if collapse != restored {
             Err("the node to be restored is another one")
         } else {
@@ -520,6 +539,7 @@ impl Front {
             self.links.resize(bound, NO_LINKS);
             self.births.resize(bound, NO_BIRTH);
             self.positions.resize(bound, [0.0; 4]);
+            self.leads_out.resize(self.numbers.chunks(), 0);
             self.split_criteria.resize(self.numbers.chunks(), Criteria::vacant(NO_SPLIT));
             self.collapse_criteria.resize(self.numbers.chunks(), Criteria::vacant(NO_COLLAPSE));
         }
@@ -534,9 +554,17 @@ impl Front {
         self.split_criteria[vertex / CHUNK].set(vertex % CHUNK, radius, switch, cone);
     }
 
+    /// Whether the split of the node at a vertex is in another page than its parent's.
+    #[inline]
+    fn set_leads_out(&mut self, vertex: usize, leads_out: bool) {
+        let (word, place) = (&mut self.leads_out[vertex / CHUNK], vertex % CHUNK);
+        *word = *word & !(1 << place) | u64::from(leads_out) << place;
+    }
+
     /// The same for a child that was just born or kept; `None` for a leaf.
     #[inline]
     fn set_child(&mut self, vertex: usize, entry: Option<&ChildEntry>) {
+        self.set_leads_out(vertex, entry.is_some_and(|entry| matches!(entry.target, Target::ChildPage { .. })));
         match entry {
             Some(entry) => self.set_split(vertex, entry.radius, entry.switch, entry.cone),
             None => self.set_split(vertex, 0.0, NO_SPLIT, NormalCone::EVERYTHING),

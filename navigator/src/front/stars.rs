@@ -11,7 +11,7 @@ use storage::prefetch::prefetch;
 use super::NONE;
 
 /// Corners in a line.
-const CORNERS: usize = 7;
+pub const CORNERS: usize = 7;
 /// Bytes of a line, with its place in the list of free ones.
 pub const LINE_BYTES: usize = size_of::<Line>() + size_of::<u32>();
 /// How many free lines ahead one is fetched before it is used.
