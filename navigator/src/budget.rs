@@ -13,6 +13,7 @@ use parking_lot::RwLockReadGuard;
 use thiserror::Error;
 
 use crate::front::{Corner, NODE_BYTES, TREE_BYTES, TRIANGLE_BYTES, TRIANGLE_LIMIT};
+use crate::mapped::MAPPED_PAGE_BYTES;
 use crate::pool::{LEAST_FOR_URGENT, SLOT_OVERHEAD_BYTES};
 use crate::refine::CHAIN_BYTES;
 
@@ -49,6 +50,15 @@ pub struct Budget {
     pub born_triangles: usize,
     /// All of it, in bytes.
     pub bytes: u64,
+}
+
+impl Budget {
+    /// The same front with all pages of the model in a mapped file in place of place holders.
+    pub fn with_mapped_pages(self, model: &Model) -> Self {
+        let needs = Needs::of(model);
+        let bytes = self.bytes - (self.slots * needs.slot_cost()) as u64 + (needs.pages * MAPPED_PAGE_BYTES) as u64;
+        Budget { slots: needs.most_slots(), bytes, ..self }
+    }
 }
 
 /// The memory allowed is less than the model needs at the least.
@@ -140,8 +150,7 @@ impl Needs {
         };
         let bytes = self.fixed_bytes
             + slots * self.slot_cost()
-            + budget.nodes * NODE_BYTES
-            + budget.triangles * TRIANGLE_BYTES
+            + front_bytes(budget.nodes, budget.triangles) as usize
             + (budget.split_candidates + budget.collapse_candidates) * CANDIDATE_BYTES;
         budget.bytes = bytes as u64;
         budget
@@ -160,6 +169,11 @@ impl Needs {
         }
         fits
     }
+}
+
+/// Bytes that a front takes in which are so many nodes and triangles.
+pub fn front_bytes(nodes: usize, triangles: usize) -> u64 {
+    (nodes * NODE_BYTES + triangles * TRIANGLE_BYTES) as u64
 }
 
 /// Shares out `memory` bytes for `model`.
@@ -213,6 +227,15 @@ mod tests {
             memory += 1000;
         }
         assert_eq!(plan(&model, whole.bytes).unwrap(), whole);
+    }
+
+    #[test]
+    fn mapped_pages_take_no_place_holders() {
+        let model = testing::model_of(&testing::grid_tree(40, 40, 1));
+        let budget = plan(&model, 1 << 20).unwrap();
+        let mapped = budget.with_mapped_pages(&model);
+        assert!(mapped.bytes < budget.bytes - (budget.slots * 4096) as u64);
+        assert_eq!((mapped.nodes, mapped.triangles), (budget.nodes, budget.triangles));
     }
 
     #[test]

@@ -175,7 +175,7 @@ fn last_moved(navigator: &Navigator, node: u32, leaf: u32) -> Result<u32, String
         parent => {
             let slot = front.page_or_slot(parent);
             let page = paging.page(slot);
-            above.extend(paging.pool().ancestors(slot).iter().map(|page| Page::clone(page)));
+            above.extend(paging.ancestors(slot));
             above.push(Page::clone(&page));
             if page.number() == front.page_or_slot(node) {
                 moved_within(&page, &mut index, leaf, &mut moved)?
@@ -231,17 +231,16 @@ fn moved_within(page: &Page, index: &mut u16, leaf: u32, moved: &mut u32) -> Res
 
 fn check_usage(navigator: &Navigator) -> Result<(), String> {
     let (front, paging) = (navigator.front(), navigator.paging());
-    let pool = paging.pool();
-    let mut applied = vec![0; pool.slot_count()];
+    let mut applied = vec![0; paging.slot_count()];
     for node in front.nodes().filter(|node| !front.is_active(*node)) {
         applied[front.page_or_slot(node) as usize] += 1;
     }
     for (slot, applied) in applied.into_iter().enumerate() {
         let slot = slot as u32;
-        if pool.usage(slot) != applied {
-            return Err(format!("slot {slot}: {applied} splits are applied, {} counted", pool.usage(slot)));
+        if paging.usage(slot) != applied {
+            return Err(format!("slot {slot}: {applied} splits are applied, {} counted", paging.usage(slot)));
         }
-        if applied > 0 && paging.page_number(slot) != pool.page(slot).number() {
+        if applied > 0 && paging.page_number(slot) != paging.page(slot).number() {
             return Err(format!("slot {slot} does not hold page {}", paging.page_number(slot)));
         }
     }

@@ -13,6 +13,7 @@
 //! | `board` | the command board | 3.3.4 |
 //! | `io_process` | the I/O process: prefetching, urgent loading | 3.3.2, 3.3.4 |
 //! | `paging` | the navigator's side of pool and board | 3.3.3, 3.3.4 |
+//! | `mapped` | pages by virtual memory, for comparison | 4 |
 //! | `budget` | how the memory allowed is shared out | design, 5 |
 //! | [`navigator`] | the frames | 3.3.1, 3.3.2 |
 //! | [`statistics`] | what frames and flights did | 4 |
@@ -27,6 +28,7 @@ pub mod check;
 mod dependency;
 mod front;
 mod io_process;
+mod mapped;
 pub mod navigator;
 mod paging;
 pub mod path;

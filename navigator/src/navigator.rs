@@ -17,11 +17,11 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use metanode::Statement;
 use metanode::header::ModelError;
 use metanode::model::Model;
 use metanode::statement::{Drawn, is_proven, sum_not_below};
 use metanode::vanished::VanishedParts;
+use metanode::{DecodedFile, Statement};
 use storage::usage::thread_cpu_time;
 use thiserror::Error;
 
@@ -224,6 +224,25 @@ fn collapse_key(id: u32, node: u32) -> u64 {
 impl Navigator {
     /// Allocates all memory, makes all roots active, loads the root pages and prefetches their children.
     pub fn open(model: Arc<Model>, options: NavigatorOptions) -> Result<Self, NavigatorError> {
+        Self::open_with(model, options, None)
+    }
+
+    /// The same with pages by virtual memory, to compare with: `decoded` has those of the model. The front has room for what
+    /// it would have room for with place holders in as much memory, so that both draw the same; the place holders' memory
+    /// is left to the system's page cache. The options of the I/O process have no meaning.
+    pub fn open_mapped(
+        model: Arc<Model>,
+        options: NavigatorOptions,
+        decoded: DecodedFile,
+    ) -> Result<Self, NavigatorError> {
+        Self::open_with(model, options, Some(decoded))
+    }
+
+    fn open_with(
+        model: Arc<Model>,
+        options: NavigatorOptions,
+        decoded: Option<DecodedFile>,
+    ) -> Result<Self, NavigatorError> {
         if !(options.pixels >= 0.0 && options.pixels.is_finite()) {
             let problem = format!("an error of {} pixels cannot be: give 0 or more", options.pixels);
             return Err(NavigatorError::Options { problem });
@@ -237,8 +256,12 @@ impl Navigator {
             return Err(NavigatorError::Root { path: model.path().into(), root });
         }
         let budget = budget::plan(&model, options.memory)?;
+        let budget = if decoded.is_some() { budget.with_mapped_pages(&model) } else { budget };
         let front = Front::new(model.roots(), leaf_count, budget.nodes, budget.triangles, budget.born_triangles);
-        let paging = Paging::start(model.clone(), budget.slots, options.io, options.prefetch, options.second_chance)?;
+        let paging = match decoded {
+            None => Paging::start(model.clone(), budget.slots, options.io, options.prefetch, options.second_chance)?,
+            Some(decoded) => Paging::mapped(model.clone(), decoded),
+        };
         Ok(Navigator {
             model,
             options,
@@ -292,7 +315,7 @@ impl Navigator {
         statistics.requests = statistics.splits + statistics.collapses + statistics.misses;
         statistics.triangles = self.front.triangle_count() as u64;
         statistics.vertices = self.front.active_count() as u64;
-        statistics.pages_in_use = self.paging.pool().in_use() as u64;
+        statistics.pages_in_use = self.paging.in_use() as u64;
         let counters = self.paging.pool().counters();
         statistics.set_pool_counters(self.pool_counters, counters);
         let starved = counters.starved > self.pool_counters.starved;
@@ -340,6 +363,11 @@ impl Navigator {
     /// Bytes of the memory allowed that are allocated, the open model included; all that will ever be.
     pub fn budget_bytes(&self) -> u64 {
         self.budget.bytes
+    }
+
+    /// Bytes that the nodes and triangles of the front take at the moment.
+    pub fn front_bytes(&self) -> u64 {
+        budget::front_bytes(self.front.node_count(), self.front.triangle_count())
     }
 
     /// Number of place holders.

@@ -1,8 +1,12 @@
-//! The navigator's side of the pool and the board: usage counts, and requests for pages that are missing.
+//! The navigator's side of the pool and the board: usage counts, and requests for pages that are missing. Or, where all
+//! pages lie in a mapped file, the way to these (`mapped`): then the pool has no place holders, and there is nothing to ask
+//! for.
 
+use std::ops::Deref;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
+use metanode::DecodedFile;
 use metanode::model::Model;
 use metanode::page::{Page, PageLocation};
 use parking_lot::RwLockReadGuard;
@@ -10,6 +14,7 @@ use parking_lot::RwLockReadGuard;
 use crate::board::{Board, Request};
 use crate::front::{Front, Misfit, NONE};
 use crate::io_process::{Io, IoProcess};
+use crate::mapped::Mapped;
 use crate::navigator::NavigatorError;
 use crate::pool::{Hold, Pool, Use, splits_to_refer};
 
@@ -20,6 +25,28 @@ enum Executor {
     Inline(Box<IoProcess>),
     /// A thread; `None` once it has ended.
     Thread(Option<JoinHandle<()>>),
+    /// Nobody: all pages are there.
+    Nobody(Box<Mapped>),
+}
+
+/// A page in use, for as long as it is looked at.
+#[derive(Debug)]
+pub enum PageInUse<'a> {
+    /// In a place holder.
+    Held(RwLockReadGuard<'a, Page>),
+    /// In a mapped file.
+    Mapped(&'a Page),
+}
+
+impl Deref for PageInUse<'_> {
+    type Target = Page;
+
+    fn deref(&self) -> &Page {
+        match self {
+            PageInUse::Held(page) => page,
+            PageInUse::Mapped(page) => page,
+        }
+    }
 }
 
 /// The way from the nodes of a front to their pages.
@@ -60,6 +87,14 @@ impl Paging {
         Ok(Paging { model, pool, board, executor, page_of_slot: vec![NONE; slots] })
     }
 
+    /// The way to pages that lie in a mapped file.
+    pub fn mapped(model: Arc<Model>, decoded: DecodedFile) -> Self {
+        let mapped = Mapped::new(decoded);
+        let page_of_slot = (0..mapped.page_count() as u32).collect();
+        let (pool, board) = (Arc::new(Pool::new(Vec::new(), false)), Arc::new(Board::new(0)));
+        Paging { model, pool, board, executor: Executor::Nobody(Box::new(mapped)), page_of_slot }
+    }
+
     /// The pool.
     pub fn pool(&self) -> &Pool {
         &self.pool
@@ -71,8 +106,40 @@ impl Paging {
     }
 
     /// The page in a place holder that is in use.
-    pub fn page(&self, slot: u32) -> RwLockReadGuard<'_, Page> {
-        self.pool.page(slot)
+    pub fn page(&self, slot: u32) -> PageInUse<'_> {
+        match &self.executor {
+            Executor::Nobody(mapped) => PageInUse::Mapped(mapped.page(slot)),
+            _ => PageInUse::Held(self.pool.page(slot)),
+        }
+    }
+
+    /// The ancestors of the page in a place holder that is in use, from the root page down to its parent.
+    pub fn ancestors(&self, slot: u32) -> Vec<Page> {
+        match &self.executor {
+            Executor::Nobody(mapped) => mapped.ancestors(slot),
+            _ => self.pool.ancestors(slot).iter().map(|page| Page::clone(page)).collect(),
+        }
+    }
+
+    /// Number of place holders.
+    pub fn slot_count(&self) -> usize {
+        self.page_of_slot.len()
+    }
+
+    /// How many splits of the page in a place holder are applied.
+    pub fn usage(&self, slot: u32) -> u32 {
+        match &self.executor {
+            Executor::Nobody(mapped) => mapped.usage(slot),
+            _ => self.pool.usage(slot),
+        }
+    }
+
+    /// Place holders whose page is in use.
+    pub fn in_use(&self) -> usize {
+        match &self.executor {
+            Executor::Nobody(mapped) => mapped.in_use(),
+            _ => self.pool.in_use(),
+        }
     }
 
     /// Number of the page in a place holder that is in use.
@@ -83,6 +150,9 @@ impl Paging {
     /// Counts the use of the page that the split of an active node is in. A missing page is asked for urgently.
     pub fn begin_use(&mut self, front: &Front, node: u32) -> Use {
         let page = front.page_or_slot(node);
+        if let Executor::Nobody(mapped) = &mut self.executor {
+            return if mapped.begin_use(page) { Use::Granted { slot: page } } else { Use::Refused };
+        }
         let parent = front.parent(node);
         if parent != NONE {
             // Most often the parent's split is in the same page, which is therefore in use.
@@ -118,6 +188,9 @@ impl Paging {
 
     /// The use begun before has led to a split.
     pub fn confirm_use(&mut self, slot: u32) {
+        if let Executor::Nobody(_) = &self.executor {
+            return;
+        }
         if self.pool.usage(slot) == splits_to_refer(&self.pool.page(slot)) {
             self.board.post_change(slot);
             self.run_inline();
@@ -126,6 +199,9 @@ impl Paging {
 
     /// The use begun before has led to nothing, as yet.
     pub fn cancel_use(&mut self, slot: u32) {
+        if let Executor::Nobody(mapped) = &mut self.executor {
+            return mapped.end_use(slot);
+        }
         if self.pool.stop_using(slot, Hold::Keep) {
             self.page_of_slot[slot as usize] = NONE;
         }
@@ -133,6 +209,9 @@ impl Paging {
 
     /// A split of the page in this place holder was undone.
     pub fn end_use(&mut self, slot: u32, hold: Hold) {
+        if let Executor::Nobody(mapped) = &mut self.executor {
+            return mapped.end_use(slot);
+        }
         if self.pool.stop_using(slot, hold) {
             self.page_of_slot[slot as usize] = NONE;
             self.board.post_change(slot);
@@ -151,7 +230,7 @@ impl Paging {
             // The roots are the first nodes of the front, in their order.
             NONE => self.model.roots()[node as usize].page,
             parent => {
-                let page = self.pool.page(front.page_or_slot(parent));
+                let page = self.page(front.page_or_slot(parent));
                 let child = front.page_or_slot(node).wrapping_sub(page.child_location(0).number);
                 page.child_location(child as usize)
             }
@@ -165,7 +244,7 @@ impl Paging {
                 process.run_pending();
                 true
             }
-            Executor::Thread(_) => false,
+            Executor::Thread(_) | Executor::Nobody(_) => false,
         }
     }
 }
