@@ -11,7 +11,7 @@ use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use metanode::blocking::{ParseBlockingError, check_parameters};
 use metanode::header::{Blocking, ErrorBound, Metric, Strategy};
 use navigator::PathSpec;
-use storage::{ByteSize, EdgeTreeKind};
+use storage::{ByteSize, EdgeTreeKind, MapAdvice};
 use vdt::generate::{Shape, TRIANGLES};
 use vdt::ingest::PositionsRule;
 
@@ -428,6 +428,9 @@ pub enum IoName {
     Thread,
     /// At once, within the frame, which waits.
     Sync,
+    /// Not at all: they all lie decoded in a file that is mapped into memory, and the operating system sees to what is in
+    /// RAM. For comparison; frames wait for the disk, and --memory bounds the front only.
+    Mmap,
 }
 
 /// What becomes of pages that nobody needs at the moment.
@@ -443,7 +446,8 @@ pub enum PolicyName {
 #[derive(Debug, Args)]
 #[command(after_long_help = "Examples:\n  vdt navigate bunny.vdt --path flyby:200\n  \
                              vdt navigate bunny.vdt --path orbit:600 --memory 8M --pixels 2 --csv flight.csv\n  \
-                             vdt navigate bunny.vdt --path cameras.txt --io sync --dependency none\n\n\
+                             vdt navigate bunny.vdt --path cameras.txt --io sync --dependency none\n  \
+                             vdt navigate bunny.vdt --path flyby:200 --io mmap --advice random --settle\n\n\
                              A path file has one camera a line, ten numbers: eye x y z, target x y z, up x y z, \
                              vertical field of view in degrees; # begins a comment.")]
 pub struct NavigateOptions {
@@ -471,10 +475,23 @@ pub struct NavigateOptions {
     /// How pages are read.
     #[arg(long, value_enum, default_value_t = IoName::Thread)]
     pub io: IoName,
+    /// With --io mmap: what the system is told of how the file will be read: normal, nothing; random, page by page;
+    /// will-need, ahead as far as it likes; or populate, all of it before the flight, which shows how fast all would be in
+    /// RAM [default: normal].
+    #[arg(long, value_parser = one_of(&MapAdvice::ALL))]
+    pub advice: Option<MapAdvice>,
+    /// With --io mmap: the file of decoded meta-nodes, which is made where it is missing, and kept. [default: one in the
+    /// system's folder for temporary files, removed afterwards]
+    #[arg(long, value_name = "FILE")]
+    pub decoded: Option<PathBuf>,
     /// Frames a second that are begun, at most; 0: each as soon as the last one is done. The I/O thread has the time in
-    /// between.
+    /// between, or with --io mmap the system.
     #[arg(long, default_value_t = 60.0, value_parser = not_negative)]
     pub frame_rate: f64,
+    /// Begin with the picture of the first camera finished, as if the flight had gone on before: frames until then do not
+    /// count.
+    #[arg(long)]
+    pub settle: bool,
     /// Do not load parents and children of the meta-nodes in use ahead of time.
     #[arg(long)]
     pub no_prefetch: bool,
@@ -487,6 +504,17 @@ pub struct NavigateOptions {
     /// Replace an existing CSV file.
     #[arg(long)]
     pub force: bool,
+}
+
+impl NavigateOptions {
+    /// Ends the program with a message about usage where an option of mapped files is given without one.
+    pub fn check(&self) {
+        let given = [("--advice", self.advice.is_some()), ("--decoded", self.decoded.is_some())];
+        if let Some((name, _)) = given.iter().find(|(_, given)| *given && self.io != IoName::Mmap) {
+            let message = format!("{name} goes with --io mmap only");
+            Arguments::command().error(ErrorKind::MissingRequiredArgument, message).exit();
+        }
+    }
 }
 
 /// `vdt compare`

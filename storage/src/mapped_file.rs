@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use memmap2::Mmap;
+use thiserror::Error;
 
 use crate::disk::StorageError;
 
@@ -54,12 +55,19 @@ impl fmt::Display for MapAdvice {
     }
 }
 
+/// A text that is no advice.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error("`{text}` is not one of normal, random, will-need and populate")]
+pub struct ParseAdviceError {
+    text: String,
+}
+
 impl FromStr for MapAdvice {
-    type Err = String;
+    type Err = ParseAdviceError;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let found = MapAdvice::ALL.into_iter().find(|advice| advice.name() == text);
-        found.ok_or_else(|| format!("`{text}` is not one of normal, random, will-need and populate"))
+        found.ok_or_else(|| ParseAdviceError { text: text.to_owned() })
     }
 }
 

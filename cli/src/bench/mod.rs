@@ -38,7 +38,7 @@ use crate::arguments::{BenchCommand, BenchOptions};
 use crate::output::{may_write, write_text};
 
 pub use blockings::Blockings;
-pub use child::end;
+pub use child::{Workshop, end};
 pub use strategy::StrategyChoice;
 
 pub fn run(options: BenchOptions, json: bool) -> Result<()> {
