@@ -41,8 +41,9 @@ use crate::table::{Table, UNKNOWN};
 const FOR_THE_PROGRAM: u64 = 8 << 20;
 /// The advices that virtual memory is flown with; the system's default first.
 const ADVICES: [MapAdvice; 3] = [MapAdvice::Normal, MapAdvice::Random, MapAdvice::WillNeed];
-/// By how much the error asked for is multiplied at most.
-const MOST_PIXELS_FACTOR: f32 = 4096.0;
+/// By how much the error asked for is multiplied at most. A model of few meta-nodes in the smallest memory of all may need more
+/// of them than it has place holders at any error; its frames with a raised threshold are told.
+const MOST_PIXELS_FACTOR: f32 = 256.0;
 
 /// A mesh or model, and what became of it.
 #[derive(Debug)]
