@@ -561,3 +561,37 @@ fn stopped_in_between_nothing_is_left() {
         assert_eq!(place.names(), names);
     }
 }
+
+/// Told to stop while a flight goes on, the bench ends it, and its memory cgroup goes too, where there was one.
+#[test]
+fn stopped_in_a_flight_nothing_is_left() {
+    let place = workplace!();
+    place.json("generate sphere --triangles 20000 -o sphere.ply");
+    place.json("build sphere.ply -o sphere.vdt");
+    let names = place.names();
+    let command = "bench table2 sphere.vdt --path orbit:100000 --memory 4M --frame-rate 20 --scratch .";
+    // All in RAM is flown first, without a cgroup, and takes too long to wait for; so it is flown fast.
+    let fast = "bench table2 sphere.vdt --path orbit:20000 --pixels 50 --memory 4M --frame-rate 4000 --scratch .";
+    for (command, waits_for_cgroup) in [(command, false), (fast, storage::MemoryCgroup::new(64 << 20).is_ok())] {
+        let words: Vec<&str> = command.split_whitespace().collect();
+        let child = place.command(&words).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+        let child = child.unwrap();
+        let cgroup = |parent: &str| PathBuf::from(parent).join(format!("vdt-{}-0", child.id()));
+        let cgroups = ["/sys/fs/cgroup/memory", "/sys/fs/cgroup"].map(cgroup);
+        let has_begun = || match waits_for_cgroup {
+            true => cgroups.iter().any(|folder| folder.exists()),
+            false => place.names().iter().any(|name| name.ends_with("/pages")),
+        };
+        let start = Instant::now();
+        while !has_begun() {
+            assert!(start.elapsed() < Duration::from_secs(60), "no flight was begun");
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        let sent = Command::new("kill").args(["-s", "TERM", &child.id().to_string()]).status().unwrap();
+        assert!(sent.success());
+        let outcome = wait(child, command, |_| ());
+        assert_eq!((outcome.status.code(), outcome.stderr.as_str()), (Some(130), "vdt: interrupted\n"), "{outcome:?}");
+        assert_eq!(place.names(), names);
+        assert!(cgroups.iter().all(|folder| !folder.exists()));
+    }
+}
