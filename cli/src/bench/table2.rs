@@ -201,8 +201,10 @@ pub fn run(options: &Table2Options, json: bool) -> Result<()> {
         let document = to_json(options, &subjects, no_cgroup.as_deref());
         writeln!(out, "{}", serde_json::to_string_pretty(&document)?)?;
     } else {
-        write!(out, "{}\n{}", paper_table(&subjects).text(), details_table(&subjects).text())?;
-        writeln!(out, "\n{}", legend(options, no_cgroup.as_deref()))?;
+        for subject in &subjects {
+            write!(out, "{}", text(subject))?;
+        }
+        writeln!(out, "{}", legend(options, no_cgroup.as_deref()))?;
     }
     let failed = subjects.iter().map(failures).sum();
     match failed {
@@ -351,42 +353,28 @@ fn smallest_budget(model: &Path) -> Result<u64> {
     Ok(navigator::plan(&model, 0).map_or_else(|refusal| refusal.smallest, |budget| budget.bytes))
 }
 
-/// A line for each row of each subject, or one that says why there are none.
-fn lines(table: &mut Table, subjects: &[Subject], cells: impl Fn(&Row) -> Vec<String>) {
-    for subject in subjects {
-        match &subject.outcome {
-            Ok(rows) => {
-                for row in rows {
-                    let mut line = vec![subject.name.clone(), row.path.clone(), mebibytes_cell(Some(row.memory))];
-                    line.extend(cells(row));
-                    table.line(line);
-                }
-            }
-            Err(complaint) => table.line(vec![subject.name.clone(), format!("failed: {complaint}")]),
-        }
-    }
+/// The tables of each flight over a mesh, under its name; or why there are none.
+fn text(subject: &Subject) -> String {
+    let rows = match &subject.outcome {
+        Ok(rows) => rows,
+        Err(complaint) => return format!("{}  failed: {complaint}\n\n", subject.name),
+    };
+    let flights = rows.chunk_by(|row, next| row.path == next.path);
+    let text = |rows: &[Row]| {
+        let path = rows.first().map_or("", |row| row.path.as_str());
+        format!("{}, {path}\n{}\n{}\n", subject.name, paper_table(rows).text(), details_table(rows).text())
+    };
+    flights.map(text).collect()
 }
 
 /// The columns of the paper's table, and how many times as fast we are.
-fn paper_table(subjects: &[Subject]) -> Table {
-    let mut table = Table::new(&[
-        "mesh",
-        "path",
-        "MiB",
-        "share",
-        "pixels",
-        "tris",
-        "adapt",
-        "RAM",
-        "Virt.",
-        "Ext.",
-        "miss %",
-        "x best",
-        "x default",
-        "/ RAM",
-    ]);
-    lines(&mut table, subjects, |row| {
-        vec![
+fn paper_table(rows: &[Row]) -> Table {
+    let headings =
+        ["MiB", "share", "pixels", "tris", "adapt", "RAM", "Virt.", "Ext.", "miss %", "x best", "x default", "/ RAM"];
+    let mut table = Table::new(&headings);
+    for row in rows {
+        table.line(vec![
+            mebibytes_cell(Some(row.memory)),
             float_cell(Some(row.memory as f64 / row.whole.max(1) as f64)),
             float_cell(Some(row.pixels.into())),
             whole_cell(row.ours.float("triangles_mean").map(|count| count as u64)),
@@ -398,16 +386,14 @@ fn paper_table(subjects: &[Subject]) -> Table {
             float_cell(row.speed_up_over_best()),
             float_cell(row.speed_up_over_default()),
             float_cell(row.over_in_memory()),
-        ]
-    });
+        ]);
+    }
     table
 }
 
 /// What the flights took one by one, and whether they are of the same picture.
-fn details_table(subjects: &[Subject]) -> Table {
+fn details_table(rows: &[Row]) -> Table {
     let mut table = Table::new(&[
-        "mesh",
-        "path",
         "MiB",
         "normal",
         "random",
@@ -422,9 +408,10 @@ fn details_table(subjects: &[Subject]) -> Table {
         "error x",
         "raised",
     ]);
-    lines(&mut table, subjects, |row| {
+    for row in rows {
         let [normal, random, will_need] = &row.mapped;
-        vec![
+        table.line(vec![
+            mebibytes_cell(Some(row.memory)),
             normal.cell(),
             random.cell(),
             will_need.cell(),
@@ -437,8 +424,8 @@ fn details_table(subjects: &[Subject]) -> Table {
             row.more_triangles().map_or(UNKNOWN.into(), |percent| format!("{percent:+.2}")),
             float_cell(row.ours_over_mapped("error_stated")),
             whole_cell(row.ours.whole("raised_frames")),
-        ]
-    });
+        ]);
+    }
     table
 }
 
@@ -463,7 +450,8 @@ fn legend(options: &Table2Options, no_cgroup: Option<&str>) -> String {
          advice; / RAM: Ext. over RAM. miss: of the requests of Ext.; Virt. waits and misses none. p99: 99th percentile, of\n\
          the best Virt. and of Ext.; reads: meta-nodes that Ext. read; peak: its resident set. tris, error: what Ext. drew and\n\
          stated against Virt.; raised: frames in which Ext. had a higher error because of its memory.\n\
-         {cgroups} Begun cold, first picture finished, {} frames a second.{runs}\n\
+         {cgroups}\n\
+         Begun cold, with the first picture finished, at {} frames a second.{runs}\n\
          Measured on {}.",
         options.pixels,
         options.frame_rate,
@@ -587,10 +575,10 @@ mod tests {
         assert_eq!((row.speed_up_over_best(), row.speed_up_over_default()), (None, None));
         let subject = Subject { name: "a".into(), file: "b".into(), outcome: Ok(vec![row]) };
         assert_eq!(failures(&subject), 0);
-        let text = details_table(std::slice::from_ref(&subject)).text() + &paper_table(&[subject]).text();
-        assert_eq!(text.matches("killed").count(), 4, "{text}");
+        let text = super::text(&subject);
+        assert!(text.starts_with("a, orbit:9\n") && text.matches("killed").count() == 4, "{text}");
         let failed = Subject { name: "a".into(), file: "b".into(), outcome: Err("no room".into()) };
         assert_eq!(failures(&failed), 1);
-        assert!(paper_table(&[failed]).text().contains("failed: no room"));
+        assert_eq!(super::text(&failed), "a  failed: no room\n\n");
     }
 }
