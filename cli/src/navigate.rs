@@ -9,7 +9,6 @@ use metanode::model::Model;
 use metanode::{DecodedFile, write_decoded};
 use navigator::{Dependency, FlightSummary, FrameStatistics, Io, Navigator, NavigatorOptions, PathSpec};
 use serde_json::{Value, json};
-use storage::usage::thread_wait_time;
 use storage::{AtomicFile, ByteSize, Disk, LocalDisk};
 
 use crate::arguments::{self, DependencyName, IoName, PolicyName};
@@ -41,8 +40,6 @@ struct Flight {
     raised_frames: u64,
     /// Wishes that were refused because of a limit.
     over_budget: u64,
-    /// Time within frames in which others had the processor, if the system tells.
-    cpu_wait: Option<Duration>,
     /// Largest resident set of the process.
     peak: Option<u64>,
 }
@@ -102,10 +99,7 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
             let due = Duration::from_secs_f64(seconds * number as f64);
             std::thread::sleep(due.saturating_sub(start.elapsed()));
         }
-        let waited = thread_wait_time();
         let frame = FrameStatistics { frame: number as u64, ..navigator.frame(camera)? };
-        let waited = thread_wait_time().zip(waited).map(|(after, before)| after.saturating_sub(before));
-        flight.cpu_wait = waited.map(|waited| waited + flight.cpu_wait.unwrap_or_default());
         flight.summary.add(&frame);
         flight.front_bytes = flight.front_bytes.max(navigator.front_bytes());
         flight.raised_frames += u64::from(frame.threshold_factor > 1.0);
@@ -269,7 +263,6 @@ fn to_json(options: &arguments::NavigateOptions, flight: &Flight, model: &Model)
         "urgent": summary.urgent,
         "prefetch_given_up": summary.prefetch_given_up,
         "threshold_factor_max": summary.threshold_factor,
-        "cpu_wait_ms_mean": flight.cpu_wait.map(|wait| wait.as_secs_f64() * 1e3 / summary.frames().max(1) as f64),
         "raised_frames": flight.raised_frames,
         "over_budget": flight.over_budget,
         "place_holders": flight.place_holders,

@@ -57,13 +57,6 @@ pub fn thread_cpu_time() -> Duration {
     cpu_clock(rustix::time::ClockId::ThreadCPUTime)
 }
 
-/// How long the calling thread could have gone on so far, but others had the processor. `None` where the system does not
-/// tell.
-pub fn thread_wait_time() -> Option<Duration> {
-    let figures = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
-    figures.split_ascii_whitespace().nth(1)?.parse().ok().map(Duration::from_nanos)
-}
-
 fn cpu_clock(clock: rustix::time::ClockId) -> Duration {
     let time = rustix::time::clock_gettime(clock);
     Duration::new(time.tv_sec.try_into().unwrap_or(0), time.tv_nsec.try_into().unwrap_or(0))
@@ -97,24 +90,5 @@ mod tests {
             sum = std::hint::black_box(sum.wrapping_add(i));
         }
         assert!(cpu_time() > process && thread_cpu_time() > thread);
-    }
-
-    #[test]
-    fn a_thread_that_has_to_wait_is_told_so() {
-        if thread_wait_time().is_none() {
-            return;
-        }
-        // More threads than processors: some of them wait.
-        let count = 4 * std::thread::available_parallelism().map_or(1, usize::from);
-        let work = || {
-            let start = std::time::Instant::now();
-            while start.elapsed() < Duration::from_millis(100) {
-                std::hint::black_box(0);
-            }
-            thread_wait_time().unwrap()
-        };
-        let threads: Vec<_> = (0..count).map(|_| std::thread::spawn(work)).collect();
-        let waited: Duration = threads.into_iter().map(|thread| thread.join().unwrap()).sum();
-        assert!(waited > Duration::from_millis(50), "{waited:?}");
     }
 }

@@ -104,12 +104,6 @@ impl Run {
         self.float("frame_ms_mean")
     }
 
-    /// The same without the time in which other threads had the processor, where that is known: what the flight takes on a
-    /// machine that has nothing else to do.
-    fn undisturbed_ms(&self) -> Option<f64> {
-        Some((self.frame_ms()? - self.float("cpu_wait_ms_mean")?).max(0.0))
-    }
-
     /// Whether a limit had the threshold raised in any frame.
     fn was_raised(&self) -> bool {
         self.float("threshold_factor_max").is_some_and(|factor| factor > 1.0)
@@ -161,12 +155,6 @@ impl Row {
     /// How many times as long a frame of ours takes as one with all in RAM.
     fn over_in_memory(&self) -> Option<f64> {
         Some(self.ours.frame_ms()? / self.in_memory.frame_ms()?)
-    }
-
-    /// The same as [`Row::speed_up_over_best`] and [`Row::over_in_memory`], without the time in which others had the processor.
-    fn undisturbed(&self) -> [Option<f64>; 2] {
-        let ratio = |over: Option<&Run>, under: &Run| Some(over?.undisturbed_ms()? / under.undisturbed_ms()?);
-        [ratio(self.best().map(|(_, run)| run), &self.ours), ratio(Some(&self.ours), &self.in_memory)]
     }
 
     /// What a figure of our flight is, as a multiple of that by virtual memory.
@@ -381,25 +369,10 @@ fn text(subject: &Subject) -> String {
 
 /// The columns of the paper's table, and how many times as fast we are.
 fn paper_table(rows: &[Row]) -> Table {
-    let headings = [
-        "MiB",
-        "share",
-        "pixels",
-        "tris",
-        "adapt",
-        "RAM",
-        "Virt.",
-        "Ext.",
-        "miss %",
-        "x best",
-        "x default",
-        "/ RAM",
-        "x best*",
-        "/ RAM*",
-    ];
+    let headings =
+        ["MiB", "share", "pixels", "tris", "adapt", "RAM", "Virt.", "Ext.", "miss %", "x best", "x default", "/ RAM"];
     let mut table = Table::new(&headings);
     for row in rows {
-        let [over_best, over_in_memory] = row.undisturbed();
         table.line(vec![
             mebibytes_cell(Some(row.memory)),
             float_cell(Some(row.memory as f64 / row.whole.max(1) as f64)),
@@ -413,8 +386,6 @@ fn paper_table(rows: &[Row]) -> Table {
             float_cell(row.speed_up_over_best()),
             float_cell(row.speed_up_over_default()),
             float_cell(row.over_in_memory()),
-            float_cell(over_best),
-            float_cell(over_in_memory),
         ]);
     }
     table
@@ -431,10 +402,10 @@ fn details_table(rows: &[Row]) -> Table {
         "Ext. p50",
         "p99",
         "reads",
-        "peak",
+        "peak MiB",
         "limit",
-        "tris %",
-        "error",
+        "tris +%",
+        "error x",
         "raised",
     ]);
     for row in rows {
@@ -476,10 +447,9 @@ fn legend(options: &Table2Options, no_cgroup: Option<&str>) -> String {
          is above {} where the memory did not allow that. adapt: splits and collapses in a frame. RAM, Virt., Ext.: mean wall\n\
          milliseconds of a frame, with all in RAM, by virtual memory with the best of the advices (normal, random,\n\
          will-need), and by our I/O; x best, x default: how many times as long Virt. takes as Ext., with the best and with no\n\
-         advice; / RAM: Ext. over RAM; *: without the time in which others had the processor. miss: of the requests of\n\
-         Ext.; Virt. waits and misses none. p99: 99th percentile, of the best Virt. and of Ext.; reads: meta-nodes that Ext.\n\
-         read; peak: its resident set in MiB. tris, error: what Ext. drew and stated against Virt.; raised: frames in which\n\
-         Ext. had a higher error because of its memory.\n\
+         advice; / RAM: Ext. over RAM. miss: of the requests of Ext.; Virt. waits and misses none. p99: 99th percentile, of\n\
+         the best Virt. and of Ext.; reads: meta-nodes that Ext. read; peak: its resident set. tris, error: what Ext. drew and\n\
+         stated against Virt.; raised: frames in which Ext. had a higher error because of its memory.\n\
          {cgroups}\n\
          Begun cold, with the first picture finished, at {} frames a second.{runs}\n\
          Measured on {}.",
@@ -534,7 +504,6 @@ fn subject_json(subject: &Subject) -> Vec<Value> {
 
 fn row_json(subject: &Subject, row: &Row) -> Value {
     let [normal, random, will_need] = &row.mapped;
-    let [undisturbed_over_best, undisturbed_over_in_memory] = row.undisturbed();
     json!({
         "mesh": subject.name,
         "file": subject.file,
@@ -559,8 +528,6 @@ fn row_json(subject: &Subject, row: &Row) -> Value {
         "speed_up_over_best": row.speed_up_over_best(),
         "speed_up_over_default": row.speed_up_over_default(),
         "ours_over_in_memory": row.over_in_memory(),
-        "undisturbed_speed_up_over_best": undisturbed_over_best,
-        "undisturbed_ours_over_in_memory": undisturbed_over_in_memory,
         "more_triangles_percent": row.more_triangles(),
         "error_over_mmap": row.ours_over_mapped("error_stated"),
         "runs": {
