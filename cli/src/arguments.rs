@@ -12,11 +12,11 @@ use metanode::blocking::{ParseBlockingError, check_parameters};
 use metanode::header::{Blocking, ErrorBound, Metric, Strategy};
 use navigator::view_parameters::MOST_FINER;
 use navigator::{Light, PathSpec, ViewParameters};
-use storage::{ByteSize, EdgeTreeKind};
+use storage::{ByteSize, EdgeTreeKind, MapAdvice};
 use vdt::generate::{Shape, TRIANGLES};
 use vdt::ingest::PositionsRule;
 
-use crate::bench::{Blockings, StrategyChoice};
+use crate::bench::{Blockings, MemoryShare, StrategyChoice};
 
 /// View-dependent models of triangle meshes: build one, check it, take levels of detail out of it, and fly through it
 /// in a RAM budget that you set.
@@ -59,7 +59,7 @@ pub enum Command {
     Navigate(NavigateOptions),
     /// Say how far two meshes are apart: mean, root mean square and largest distance, both ways.
     Compare(CompareOptions),
-    /// Measure how meshes are built, what models state, and what flights read: the paper's Table 1 and more.
+    /// Measure how meshes are built, what models state, and what flights read and take: the paper's Tables 1 and 2 and more.
     Bench(BenchOptions),
 }
 
@@ -455,6 +455,9 @@ pub enum IoName {
     Thread,
     /// At once, within the frame, which waits.
     Sync,
+    /// Not at all: they all lie decoded in a file that is mapped into memory, and the operating system sees to what is in
+    /// RAM. For comparison; frames wait for the disk, and --memory bounds the front only.
+    Mmap,
 }
 
 /// What becomes of pages that nobody needs at the moment.
@@ -473,7 +476,8 @@ pub enum PolicyName {
 #[command(after_long_help = "Examples:\n  vdt navigate bunny.vdt --path flyby:200\n  \
                              vdt navigate bunny.vdt --path orbit:600 --memory 8M --pixels 2 --csv flight.csv\n  \
                              vdt navigate bunny.vdt --path cameras.txt --io sync --dependency none\n  \
-                             vdt navigate bunny.vdt --path orbit:600 --silhouettes 3 --light 1,1,3 --highlights 4\n\n\
+                             vdt navigate bunny.vdt --path orbit:600 --silhouettes 3 --light 1,1,3 --highlights 4\n  \
+                             vdt navigate bunny.vdt --path flyby:200 --io mmap --advice random --settle\n\n\
                              A path file has one camera a line, ten numbers: eye x y z, target x y z, up x y z, \
                              vertical field of view in degrees; # begins a comment.")]
 pub struct NavigateOptions {
@@ -530,10 +534,23 @@ pub struct NavigateOptions {
     /// nothing is read ahead of what is asked for.
     #[arg(long)]
     pub direct: bool,
+    /// With --io mmap: what the system is told of how the file will be read: normal, nothing; random, page by page;
+    /// will-need, ahead as far as it likes; or populate, all of it before the flight, which shows how fast all would be in
+    /// RAM [default: normal].
+    #[arg(long, value_parser = one_of(&MapAdvice::ALL))]
+    pub advice: Option<MapAdvice>,
+    /// With --io mmap: the file of decoded meta-nodes, which is made where it is missing, and kept. [default: one in the
+    /// system's folder for temporary files, removed afterwards]
+    #[arg(long, value_name = "FILE")]
+    pub decoded: Option<PathBuf>,
     /// Frames a second that are begun, at most; 0: each as soon as the last one is done. The I/O threads have the time in
-    /// between.
+    /// between, or with --io mmap the system.
     #[arg(long, default_value_t = 60.0, value_parser = not_negative)]
     pub frame_rate: f64,
+    /// Begin with the picture of the first camera finished, as if the flight had gone on before: frames until then do not
+    /// count.
+    #[arg(long)]
+    pub settle: bool,
     /// Fly the path once before, without counting: then RAM holds what it can of what the flight needs.
     #[arg(long)]
     pub warm: bool,
@@ -549,6 +566,17 @@ pub struct NavigateOptions {
     /// Replace an existing CSV file.
     #[arg(long)]
     pub force: bool,
+}
+
+impl NavigateOptions {
+    /// Ends the program with a message about usage where an option of mapped files is given without one.
+    pub fn check(&self) {
+        let given = [("--advice", self.advice.is_some()), ("--decoded", self.decoded.is_some())];
+        if let Some((name, _)) = given.iter().find(|(_, given)| *given && self.io != IoName::Mmap) {
+            let message = format!("{name} goes with --io mmap only");
+            Arguments::command().error(ErrorKind::MissingRequiredArgument, message).exit();
+        }
+    }
 }
 
 /// `vdt compare`
@@ -595,6 +623,7 @@ pub struct CompareOptions {
     after_long_help = "Each build is a process of its own, one after the other, so that RAM, CPU time and I/O are \
                              its own; models and temporary files are removed.\n\n\
                              Examples:\n  vdt bench table1 bunny.ply dragon.ply\n  \
+                             vdt bench table2 dragon.vdt --plot table2.svg\n  \
                              vdt bench io dragon.ply --plot io.svg"
 )]
 pub struct BenchOptions {
@@ -608,6 +637,8 @@ pub struct BenchOptions {
 pub enum BenchCommand {
     /// The paper's Table 1: construction times, and sizes of tree, page data and directory.
     Table1(Table1Options),
+    /// The paper's Table 2: frame times and misses of flights, by virtual memory and by our own I/O.
+    Table2(Table2Options),
     /// Bytes read and written for each triangle, against the memory limit.
     Io(IoBenchOptions),
     /// The errors that a model states of its levels of detail, against measured ones.
@@ -672,6 +703,52 @@ pub struct Table1Options {
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub runs: u32,
     /// Draw the CPU time for each triangle into this file.
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// What all of these measurements have.
+    #[command(flatten)]
+    pub shared: SharedBenchOptions,
+}
+
+/// `vdt bench table2`
+#[derive(Debug, Args)]
+#[command(
+    after_long_help = "Each flight is a process of its own in a memory cgroup of the budget and 8 MiB (which mostly takes root; \
+                       where there is none, the output says why), begins with nothing of its files in the system's cache, \
+                       and with the picture of the first camera finished. Flown are, with the same front: by our I/O \
+                       thread; by virtual memory, from one mapped file with all meta-nodes decoded, with each advice to \
+                       the system (normal, random, will-need); and with all in RAM. Where the budget does not allow the \
+                       error asked for, all of them fly with the first of its doubles that it allows.\n\n\
+                       Examples:\n  vdt bench table2 dragon.vdt terrain.ply --plot table2.svg\n  \
+                       vdt bench table2 dragon.vdt --path flyby:600 --path orbit:300 --memory 1/16,1/4,32M --runs 3"
+)]
+pub struct Table2Options {
+    /// Meshes to be built, and models to be taken as they are.
+    #[arg(required = true, value_name = "MESH|MODEL.vdt")]
+    pub files: Vec<PathBuf>,
+    /// The camera path: orbit:FRAMES, flyby:FRAMES, or a file of cameras, as for navigate. May be given several times.
+    #[arg(long, default_value = "flyby:400")]
+    pub path: Vec<PathSpec>,
+    /// RAM for a flight, as for navigate: shares of what all meta-nodes take decoded and the front at most, or sizes. Never
+    /// less than the smallest that works.
+    #[arg(long, value_delimiter = ',', default_value = "1/8,1/4,1/2,1")]
+    pub memory: Vec<MemoryShare>,
+    /// Error to be seen at most, in pixels.
+    #[arg(long, default_value_t = 1.0, value_parser = positive)]
+    pub pixels: f32,
+    /// Size of the picture that the pixels are of.
+    #[arg(long, default_value = "1920x1080")]
+    pub size: PictureSize,
+    /// Frames a second that are begun, at most; 0: each as soon as the last one is done.
+    #[arg(long, default_value_t = 60.0, value_parser = not_negative)]
+    pub frame_rate: f64,
+    /// How often each flight is flown; the run with the least time for a frame counts.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub runs: u32,
+    /// RAM for building.
+    #[arg(long, default_value = "256M")]
+    pub build_memory: ByteSize,
+    /// Draw the times of frames against the memory into this file.
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
     /// What all of these measurements have.

@@ -1,10 +1,12 @@
 //! `vdt navigate`: a flight along a camera path, within a RAM budget, and what every frame of it did.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use metanode::model::Model;
+use metanode::{DecodedFile, write_decoded};
 use navigator::{
     Dependency, FlightSummary, FrameStatistics, Io, Light, Navigator, NavigatorOptions, PathSpec, Policy,
     ViewParameters,
@@ -13,6 +15,7 @@ use serde_json::{Value, json};
 use storage::{AtomicFile, ByteSize, DirectDisk, Disk, LocalDisk};
 
 use crate::arguments::{self, DependencyName, IoName, PolicyName};
+use crate::bench::Workshop;
 use crate::output::{Report, bound, counted, grouped, length, may_write};
 use crate::progress::Progress;
 use crate::statement::why_not_guaranteed;
@@ -22,7 +25,33 @@ const CSV_HEADER: &str = "frame,triangles,vertices,splits,collapses,requests,mis
 threshold_factor,error_stated,guaranteed,vanished_parts,pages_in_use,reads,bytes_read,second_chances,urgent,prefetch_given_up,\
 prefetched,prefetch_used,cancelled,evicted,evicted_wished,evicted_untried,retries,read_failures,frame_ms,cpu_ms\n";
 
+/// Frames in which the picture of the first camera has to come to rest, where it is to.
+const MOST_FRAMES_TO_SETTLE: u64 = 2000;
+
+/// What is known of a flight besides the summary of its frames.
+#[derive(Debug, Default)]
+struct Flight {
+    summary: FlightSummary,
+    /// Place holders; `None` where there are none.
+    place_holders: Option<usize>,
+    /// Bytes that were planned for.
+    planned_bytes: u64,
+    /// Those who read and decode meta-nodes.
+    io_threads: usize,
+    /// Bytes of the file of decoded meta-nodes, if it was flown by virtual memory.
+    decoded_bytes: Option<u64>,
+    /// Most bytes that nodes and triangles of the front took after a frame.
+    front_bytes: u64,
+    /// Frames with a threshold raised because of a limit.
+    raised_frames: u64,
+    /// Wishes that were refused because of a limit.
+    over_budget: u64,
+    /// Largest resident set of the process.
+    peak: Option<u64>,
+}
+
 pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
+    options.check();
     let disk: Arc<dyn Disk> = Arc::new(LocalDisk);
     if let Some(csv) = &options.csv {
         let mut inputs = vec![options.model.as_path()];
@@ -53,7 +82,7 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
         max_adapts: (options.max_adapts > 0).then_some(options.max_adapts),
         io: match options.io {
             IoName::Thread => Io::Thread,
-            IoName::Sync => Io::Sync,
+            IoName::Sync | IoName::Mmap => Io::Sync,
         },
         io_threads: options.io_threads.map(usize::from),
         prefetch: !options.no_prefetch,
@@ -63,8 +92,17 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
             PolicyName::None => Policy::None,
         },
     };
-    let mut navigator = Navigator::open(model.clone(), navigator_options)?;
-    let place_holders = navigator.place_holders();
+    let mut flight = Flight::default();
+    let mut navigator = if options.io == IoName::Mmap {
+        let decoded = decoded_file(&disk, &options, &model)?;
+        flight.decoded_bytes = Some(decoded.bytes());
+        Navigator::open_mapped(model.clone(), navigator_options, decoded)?
+    } else {
+        Navigator::open(model.clone(), navigator_options)?
+    };
+    flight.place_holders = flight.decoded_bytes.is_none().then(|| navigator.place_holders());
+    flight.planned_bytes = navigator.budget_bytes();
+    flight.io_threads = navigator.io_threads();
 
     if options.warm {
         let progress = Progress::new("flying to warm up");
@@ -74,11 +112,13 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
         }
     }
     let progress = Progress::new("flying");
-    let pace = (options.frame_rate > 0.0 && options.io == IoName::Thread).then(|| 1.0 / options.frame_rate);
-    let mut summary = FlightSummary::default();
+    let pace = (options.frame_rate > 0.0 && options.io != IoName::Sync).then(|| 1.0 / options.frame_rate);
     let mut csv = options.csv.as_deref().map(|path| AtomicFile::create(disk.clone(), path)).transpose()?;
     if let Some(csv) = &mut csv {
         csv.append(CSV_HEADER.as_bytes())?;
+    }
+    if let Some(first) = cameras.first().filter(|_| options.settle) {
+        navigator.run_until_settled(first, MOST_FRAMES_TO_SETTLE)?;
     }
     let start = Instant::now();
     for (number, camera) in cameras.iter().enumerate() {
@@ -86,29 +126,53 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
             let due = Duration::from_secs_f64(seconds * number as f64);
             std::thread::sleep(due.saturating_sub(start.elapsed()));
         }
-        let frame = navigator.frame(camera)?;
-        summary.add(&frame);
+        let frame = FrameStatistics { frame: number as u64, ..navigator.frame(camera)? };
+        flight.summary.add(&frame);
+        flight.front_bytes = flight.front_bytes.max(navigator.front_bytes());
+        flight.raised_frames += u64::from(frame.threshold_factor > 1.0);
+        flight.over_budget += frame.over_budget;
         if let Some(csv) = &mut csv {
             csv.append(csv_line(&frame).as_bytes())?;
         }
         progress.show((number + 1) as f64 / cameras.len() as f64);
     }
     drop(progress);
-    let (budget_bytes, io_threads) = (navigator.budget_bytes(), navigator.io_threads());
     drop(navigator);
     if let Some(csv) = csv {
         csv.commit()?;
     }
-    let peak = storage::usage::peak_resident_bytes();
-    report(&options, &summary, &model, place_holders, peak)
-        .print(json, &to_json(&options, &summary, &model, &Planned { budget_bytes, place_holders, io_threads }, peak))
+    flight.peak = storage::usage::peak_resident_bytes();
+    report(&options, &flight, &model).print(json, &to_json(&options, &flight, &model))
 }
 
-/// What the memory was shared out into.
-struct Planned {
-    budget_bytes: u64,
-    place_holders: usize,
-    io_threads: usize,
+/// The decoded meta-nodes of the model, in the file asked for or in a temporary one, which has no name any more once it is
+/// mapped.
+fn decoded_file(disk: &Arc<dyn Disk>, options: &arguments::NavigateOptions, model: &Model) -> Result<DecodedFile> {
+    let advice = options.advice.unwrap_or_default();
+    let open = |path: &Path| -> Result<DecodedFile> {
+        let decoded = DecodedFile::open(disk.as_ref(), path, model)?;
+        decoded.advise(advice)?;
+        Ok(decoded)
+    };
+    let write = |path: &Path| {
+        let progress = Progress::new("decoding all meta-nodes");
+        write_decoded(disk.clone(), path, model, &mut |share| progress.show(share))
+    };
+    match &options.decoded {
+        Some(path) => {
+            if !disk.exists(path) {
+                may_write(disk.as_ref(), path, false, &[&options.model])?;
+                write(path)?;
+            }
+            open(path)
+        }
+        None => {
+            let workshop = Workshop::new(&std::env::temp_dir())?;
+            let path = workshop.folder().join("pages");
+            write(&path)?;
+            open(&path)
+        }
+    }
 }
 
 fn csv_line(frame: &FrameStatistics) -> String {
@@ -154,13 +218,8 @@ fn csv_line(frame: &FrameStatistics) -> String {
     )
 }
 
-fn report(
-    options: &arguments::NavigateOptions,
-    summary: &FlightSummary,
-    model: &Model,
-    place_holders: usize,
-    peak: Option<u64>,
-) -> Report {
+fn report(options: &arguments::NavigateOptions, flight: &Flight, model: &Model) -> Report {
+    let Flight { summary, .. } = flight;
     let mut report = Report::default();
     report.line("model", options.model.display());
     report.line("flight", format!("{} frames at {} pixel(s)", grouped(summary.frames()), options.pixels));
@@ -222,28 +281,18 @@ fn report(
         let (retries, failures) = (grouped(summary.retries), grouped(summary.read_failures));
         report.line("note", format!("{retries} reads were tried again, {failures} meta-nodes could not be read"));
     }
-    if let Some(peak) = peak {
-        report.line(
-            "peak RAM",
-            format!(
-                "{}; {} allowed, with {} place holders, and 8 MiB for the program",
-                ByteSize(peak),
-                options.memory,
-                grouped(place_holders as u64)
-            ),
-        );
+    if let Some(peak) = flight.peak {
+        let pages = match (flight.place_holders, flight.decoded_bytes) {
+            (Some(count), _) => format!("with {} place holders, and 8 MiB for the program", grouped(count as u64)),
+            (None, bytes) => format!("and what the system keeps of a file of {}", ByteSize(bytes.unwrap_or(0))),
+        };
+        report.line("peak RAM", format!("{}; {} allowed, {pages}", ByteSize(peak), options.memory));
     }
     report
 }
 
-fn to_json(
-    options: &arguments::NavigateOptions,
-    summary: &FlightSummary,
-    model: &Model,
-    planned: &Planned,
-    peak: Option<u64>,
-) -> Value {
-    let Planned { budget_bytes, place_holders, io_threads } = planned;
+fn to_json(options: &arguments::NavigateOptions, flight: &Flight, model: &Model) -> Value {
+    let Flight { summary, .. } = flight;
     json!({
         "frames": summary.frames(),
         "triangles_mean": summary.triangles_mean(),
@@ -272,12 +321,16 @@ fn to_json(
         "evicted_untried": summary.evicted_untried,
         "retries": summary.retries,
         "read_failures": summary.read_failures,
-        "io_threads": io_threads,
+        "io_threads": flight.io_threads,
         "direct": model.is_direct(),
         "threshold_factor_max": summary.threshold_factor,
-        "place_holders": place_holders,
-        "peak_rss_bytes": peak,
+        "raised_frames": flight.raised_frames,
+        "over_budget": flight.over_budget,
+        "place_holders": flight.place_holders,
+        "decoded_bytes": flight.decoded_bytes,
+        "front_bytes_max": flight.front_bytes,
+        "peak_rss_bytes": flight.peak,
         "budget_bytes": options.memory.0,
-        "planned_bytes": budget_bytes,
+        "planned_bytes": flight.planned_bytes,
     })
 }

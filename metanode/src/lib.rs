@@ -13,6 +13,8 @@
 //! | [`model`] | a model file open for reading | |
 //! | [`chain`] | the pages on the way down to one, which decoding it needs | design, 4 |
 //! | [`mod@verify`] | checks a whole model file, believing nothing | design, 6 |
+//! | [`decoded_file`] | all pages decoded in one mapped file: virtual memory, to measure against | the paper, 4 |
+//! | `page_words` | the words of a page: its own, or in that file | |
 //! | [`decode`] | all pages decoded by several threads: what decoding costs | |
 //! | [`cut`] | uniform cuts, streaming: the mesh of one error | the paper, 3.3.1 |
 //! | [`cut_wedges`] | the same with attributes | |
@@ -32,12 +34,14 @@ mod codec;
 pub mod cut;
 pub mod cut_wedges;
 pub mod decode;
+pub mod decoded_file;
 pub mod details;
 pub mod drawn_mesh;
 pub mod header;
 mod leaf_order;
 pub mod model;
 pub mod page;
+mod page_words;
 pub mod statement;
 pub mod statistics;
 pub mod vanished;
@@ -49,6 +53,7 @@ pub mod write;
 pub use codec::FieldBits;
 pub use cut::{UniformCut, error_for_triangles};
 pub use cut_wedges::CutWedges;
+pub use decoded_file::{DecodedFile, DecodedFileError, write_decoded};
 pub use details::{ModelDetails, details};
 pub use drawn_mesh::DrawnMesh;
 pub use statement::Statement;

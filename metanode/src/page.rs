@@ -35,6 +35,7 @@ use storage::prefetch::prefetch;
 use thiserror::Error;
 pub use vdt::tree::{Normal, NormalCone};
 
+use crate::page_words::PageWords;
 use crate::wedges::{PlacedWedge, WedgeLayout};
 
 /// Words of the page header.
@@ -207,10 +208,10 @@ impl PageCounts {
     }
 }
 
-/// A decoded meta-node, in a buffer of fixed capacity.
+/// A decoded meta-node, in a buffer of fixed capacity; or in a mapped file, and then for looking at only.
 #[derive(Debug, Clone)]
 pub struct Page {
-    words: Vec<u32>,
+    words: PageWords,
     slot_bytes: usize,
     counts: PageCounts,
 }
@@ -235,16 +236,14 @@ impl Page {
     /// counts from the start.
     pub fn with_slot_bytes(slot_bytes: usize) -> Self {
         let words = vec![1; slot_bytes.div_ceil(4).max(HEADER_WORDS)];
-        let mut page = Page { words, slot_bytes, counts: PageCounts::default() };
+        let mut page = Page { words: PageWords::own(words), slot_bytes, counts: PageCounts::default() };
         page.clear();
         page
     }
 
     /// Makes the page one without records, whose number no page has.
     pub(crate) fn clear(&mut self) {
-        self.words.clear();
-        self.words.extend(EMPTY_HEADER);
-        self.counts = PageCounts::default();
+        self.begin(PageCounts::default()).extend(EMPTY_HEADER);
     }
 
     /// Whether a page with these counts fits, and can be numbered.
@@ -264,8 +263,41 @@ impl Page {
     /// The words of a page with these counts, which fits, to be pushed in order.
     pub(crate) fn begin(&mut self, counts: PageCounts) -> &mut Vec<u32> {
         self.counts = counts;
-        self.words.clear();
-        &mut self.words
+        self.words.begin()
+    }
+
+    /// The page that these words are, of a model whose wedges lie like this. They are as many as its counts say; all else is
+    /// for [`Page::check`] to find.
+    pub(crate) fn of_words(words: PageWords, layout: WedgeLayout) -> Result<Self, PageError> {
+        let found = words.len();
+        let short = |expected| PageError::Length { found, expected };
+        let Some(header) = words.first_chunk::<HEADER_WORDS>() else { return Err(short(HEADER_WORDS)) };
+        let mut counts = PageCounts {
+            children: high(header[2]).into(),
+            records: low(header[2]).into(),
+            entries: high(header[3]).into(),
+            triangles: header[4] as usize,
+            wedges: 0,
+            layout,
+        };
+        if counts.triangles > found {
+            return Err(short(counts.triangles));
+        }
+        // How many wedges there are beyond one for each record, only the length tells.
+        counts.wedges = match (layout.kinds.is_empty(), layout.has_seams) {
+            (true, _) => 0,
+            (false, false) => counts.records,
+            (false, true) => found.saturating_sub(counts.words()) / layout.words(),
+        };
+        if counts.words() != found {
+            return Err(short(counts.words()));
+        }
+        Ok(Page { words, slot_bytes: found * 4, counts })
+    }
+
+    /// All of its words.
+    pub(crate) fn words(&self) -> &[u32] {
+        &self.words
     }
 
     /// Everything that one page can be asked without the others. What passes cannot send a traversal in circles: each

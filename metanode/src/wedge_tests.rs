@@ -360,6 +360,12 @@ fn small(seed: u64) -> (Tree, Attributes) {
 
 const SMALL: Blocking = Blocking::Forest { slot_bytes: 4096, fan_out: 3 };
 
+/// A small model with random attributes.
+pub(crate) fn some_model(seed: u64) -> Model {
+    let (tree, attributes) = small(seed);
+    open(&attributes.written(&tree, SMALL, 1 << 20, 1)).unwrap()
+}
+
 #[test]
 fn images_travel_inside_the_model() {
     let (tree, attributes) = small(3);

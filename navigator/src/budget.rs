@@ -15,7 +15,7 @@ use crate::board::BOARD_BYTES;
 use crate::collapse_queue::CollapseQueue;
 use crate::front::{CHUNK, Capacity, Corner, LINE_BYTES, TREE_BYTES, TRIANGLE_BYTES, TRIANGLE_LIMIT, VERTEX_BYTES};
 use crate::io_process::reader_bytes;
-use crate::paging::WISH_BYTES;
+use crate::paging::{MAPPED_PAGE_BYTES, WISH_BYTES};
 use crate::pool::{LEAST_FOR_URGENT, SLOT_OVERHEAD_BYTES};
 use crate::refine::CHAIN_BYTES;
 use crate::split_queue::QUEUE_BYTES;
@@ -49,6 +49,15 @@ pub struct Budget {
     pub io_threads: usize,
     /// All of it, in bytes.
     pub bytes: u64,
+}
+
+impl Budget {
+    /// The same front with all pages of the model in a mapped file in place of place holders.
+    pub fn with_mapped_pages(self, model: &Model) -> Self {
+        let needs = Needs::of(model);
+        let bytes = self.bytes - (self.slots * needs.slot_cost()) as u64 + (needs.pages * MAPPED_PAGE_BYTES) as u64;
+        Budget { slots: needs.pages, bytes, ..self }
+    }
 }
 
 /// The memory allowed is less than the model needs at the least.
@@ -143,14 +152,10 @@ impl Needs {
             lines: if splits == self.splits { most_lines } else { (vertices as f64 * LINES_PER_VERTEX) as usize + 64 },
             born_triangles: self.born_triangles,
         };
-        let noted = front.vertices + front.triangles.next_multiple_of(CHUNK);
         let bytes = self.fixed_bytes
             + self.io_threads * self.reader_bytes
             + slots * self.slot_cost()
-            + front.vertices * (VERTEX_BYTES + QUEUE_BYTES)
-            + front.lines * LINE_BYTES
-            + front.triangles.next_multiple_of(CHUNK) * TRIANGLE_BYTES
-            + (noted as f64 * NOTE_BYTES) as usize
+            + front_bytes(front.vertices, front.lines, front.triangles.next_multiple_of(CHUNK)) as usize
             + CollapseQueue::bytes(vertices);
         Budget { slots, front, io_threads: self.io_threads, bytes: bytes as u64 }
     }
@@ -168,6 +173,12 @@ impl Needs {
         }
         fits
     }
+}
+
+/// Bytes that a front takes in which are so many vertices, cache lines of stars, and places of triangles.
+pub fn front_bytes(vertices: usize, lines: usize, triangles: usize) -> u64 {
+    let notes = ((vertices + triangles) as f64 * NOTE_BYTES) as usize;
+    (vertices * (VERTEX_BYTES + QUEUE_BYTES) + lines * LINE_BYTES + triangles * TRIANGLE_BYTES + notes) as u64
 }
 
 /// Shares out `memory` bytes for `model`, with one thread for I/O.
@@ -233,6 +244,15 @@ mod tests {
             memory += 1000;
         }
         assert_eq!(plan(&model, whole.bytes).unwrap(), whole);
+    }
+
+    #[test]
+    fn mapped_pages_take_no_place_holders() {
+        let model = testing::model_of(&testing::grid_tree(40, 40, 1));
+        let budget = plan(&model, 1 << 20).unwrap();
+        let mapped = budget.with_mapped_pages(&model);
+        assert!(mapped.bytes < budget.bytes - (budget.slots * 4096) as u64);
+        assert_eq!(mapped.front, budget.front);
     }
 
     #[test]

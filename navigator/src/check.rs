@@ -207,7 +207,7 @@ fn last_moved(navigator: &Navigator, node: u32, leaf: u32) -> Result<u32, String
         }
         slot => {
             let page = paging.page(slot);
-            above.extend(paging.pool().ancestors(slot).iter().map(|page| Page::clone(page)));
+            above.extend(paging.ancestors(slot));
             above.push(page.clone());
             if page.number() == page_number {
                 moved_within(page, &mut index, leaf, &mut moved)?
@@ -263,8 +263,7 @@ fn moved_within(page: &Page, index: &mut u16, leaf: u32, moved: &mut u32) -> Res
 
 fn check_usage(navigator: &Navigator) -> Result<(), String> {
     let (front, paging) = (navigator.front(), navigator.paging());
-    let pool = paging.pool();
-    let mut applied = vec![0; pool.slot_count()];
+    let mut applied = vec![0; paging.usage().len()];
     for born in front.born() {
         applied[front.slot(born) as usize] += 1;
     }
@@ -278,5 +277,5 @@ fn check_usage(navigator: &Navigator) -> Result<(), String> {
             return Err(format!("slot {slot} does not hold page {}", paging.page_number(slot)));
         }
     }
-    pool.check_usage(paging.usage())
+    paging.pool().check_usage(paging.usage())
 }

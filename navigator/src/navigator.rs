@@ -17,12 +17,12 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use metanode::Statement;
 use metanode::header::ModelError;
 use metanode::model::Model;
 use metanode::page::NormalCone;
 use metanode::statement::{Drawn, is_proven, sum_not_below};
 use metanode::vanished::VanishedParts;
+use metanode::{DecodedFile, Statement};
 use storage::usage::thread_cpu_time;
 use thiserror::Error;
 
@@ -66,6 +66,8 @@ const GAPS_CLOSED: usize = 64;
 const FRAMES_AHEAD: f64 = 16.0;
 /// What part of the threshold the error of a node must be then.
 const LEAST_WISH: f32 = 0.7;
+/// The step towards a split in which it is known where its page is.
+const FIRST_OF_PAGE: usize = 2;
 /// How long a navigator that is to settle waits for the I/O process at a time.
 const LONGEST_WAIT: Duration = Duration::from_millis(100);
 
@@ -244,6 +246,25 @@ fn usual_io_threads() -> usize {
 impl Navigator {
     /// Allocates all memory, makes all roots active, loads the root pages and prefetches their children.
     pub fn open(model: Arc<Model>, options: NavigatorOptions) -> Result<Self, NavigatorError> {
+        Self::open_with(model, options, None)
+    }
+
+    /// The same with pages by virtual memory, to compare with: `decoded` has those of the model. The front has room for what
+    /// it would have room for with place holders in as much memory, so that both draw the same; the place holders' memory
+    /// is left to the system's page cache. The options of the I/O process have no meaning.
+    pub fn open_mapped(
+        model: Arc<Model>,
+        options: NavigatorOptions,
+        decoded: DecodedFile,
+    ) -> Result<Self, NavigatorError> {
+        Self::open_with(model, options, Some(decoded))
+    }
+
+    fn open_with(
+        model: Arc<Model>,
+        options: NavigatorOptions,
+        decoded: Option<DecodedFile>,
+    ) -> Result<Self, NavigatorError> {
         if !(options.pixels >= 0.0 && options.pixels.is_finite()) {
             let problem = format!("an error of {} pixels cannot be: give 0 or more", options.pixels);
             return Err(NavigatorError::Options { problem });
@@ -262,11 +283,15 @@ impl Navigator {
             Io::Thread => options.io_threads.unwrap_or_else(usual_io_threads),
         };
         let budget = budget::plan_with(&model, options.memory, io_threads)?;
+        let budget = if decoded.is_some() { budget.with_mapped_pages(&model) } else { budget };
         let front = Front::new(model.roots(), leaf_count, budget.front);
         let vertices = front.capacity().vertices;
         let NavigatorOptions { io, prefetch, policy, .. } = options;
         let paging_options = PagingOptions { slots: budget.slots, io, io_threads: budget.io_threads, prefetch, policy };
-        let paging = Paging::start(model.clone(), paging_options)?;
+        let paging = match decoded {
+            None => Paging::start(model.clone(), paging_options)?,
+            Some(decoded) => Paging::mapped(model.clone(), decoded),
+        };
         Ok(Navigator {
             model,
             options,
@@ -331,7 +356,7 @@ impl Navigator {
         statistics.requests = statistics.splits + statistics.collapses + statistics.misses;
         statistics.triangles = self.front.triangle_count() as u64;
         statistics.vertices = self.front.vertex_count() as u64;
-        statistics.pages_in_use = self.paging.pool().in_use() as u64;
+        statistics.pages_in_use = self.paging.in_use() as u64;
         let counters = self.paging.pool().counters();
         statistics.set_pool_counters(self.pool_counters, counters);
         let starved = counters.starved > self.pool_counters.starved;
@@ -382,6 +407,11 @@ impl Navigator {
     /// Bytes of the memory allowed that are allocated, the open model included; all that will ever be.
     pub fn budget_bytes(&self) -> u64 {
         self.budget.bytes
+    }
+
+    /// Bytes that the vertices and triangles of the front take at the moment.
+    pub fn front_bytes(&self) -> u64 {
+        budget::front_bytes(self.front.vertex_count(), self.front.line_count(), self.front.triangle_count())
     }
 
     /// Number of place holders.
@@ -614,8 +644,16 @@ impl Navigator {
             now: self.patience_clock,
         };
         while statistics.splits < most
-            && let Some(vertex) =
-                window.next(|| queue.pop(), |vertex, step| refiner.front.prefetch_for_split(vertex, step))
+            && let Some(vertex) = window.next(
+                || queue.pop(),
+                |vertex, step| {
+                    refiner.front.prefetch_for_split(vertex, step);
+                    if let Some(step) = step.checked_sub(FIRST_OF_PAGE) {
+                        let front = &refiner.front;
+                        refiner.paging.prefetch(front.slot_above(vertex), front.place(vertex), step);
+                    }
+                },
+            )
         {
             // Forced before, or undone since.
             let is_wish = refiner.front.is_vertex(vertex)

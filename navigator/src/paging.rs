@@ -1,6 +1,11 @@
 //! The navigator's side of the pool and the board: usage counts, the pages in use, and requests and wishes for those that are
 //! missing.
 //!
+//! Or all pages lie decoded in one mapped file, to compare with (the paper, 4, Table 2: *Virt.*). To the navigator each is always
+//! there then, and its place holder is its number; which of them are in RAM is the operating system's matter, and a frame that looks
+//! at one that is not waits for the disk. So there is nothing to prefetch, nothing is missing, and no split is refused for want of
+//! place holders.
+//!
 //! The navigator knows the pages in use itself: for each place holder the page, its number, and its usage count, how many
 //! of its splits are applied. So nothing of what it does most, reading records and counting splits, asks the pool for anything;
 //! the pool is told when a page comes into use and when it goes out of it.
@@ -14,8 +19,10 @@
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
+use metanode::DecodedFile;
 use metanode::model::Model;
 use metanode::page::{Page, PageLocation};
+use storage::prefetch::prefetch;
 
 use crate::board::{Board, Command, Request};
 use crate::front::{Misfit, NONE};
@@ -32,6 +39,9 @@ const WISH_LIMIT: usize = 1024;
 /// of all together, and on the board.
 pub const WISH_BYTES: usize =
     size_of::<Want>() + ((2 * SWEEP_FRAMES + 1) * size_of::<Command>() + 2 * size_of::<u32>()).div_ceil(2);
+
+/// Bytes of RAM for each page of a model in a mapped file, beside what the system keeps of the file.
+pub const MAPPED_PAGE_BYTES: usize = size_of::<Arc<Page>>() + 2 * size_of::<u32>();
 
 fn wish_limit(slots: usize) -> usize {
     (slots / 2).clamp(1, WISH_LIMIT)
@@ -71,6 +81,8 @@ enum Executor {
     Inline(Box<IoProcess>),
     /// Threads.
     Threads(Vec<JoinHandle<()>>),
+    /// Nobody: all pages are in a mapped file.
+    Nobody(DecodedFile),
 }
 
 /// What the I/O process is to be like.
@@ -171,7 +183,30 @@ impl Paging {
         Ok(paging)
     }
 
-    /// The pool.
+    /// The way to pages that lie in a mapped file.
+    pub fn mapped(model: Arc<Model>, decoded: DecodedFile) -> Self {
+        let pool = Arc::new(Pool::new(Vec::new(), 0, Policy::None));
+        let count = decoded.page_count() as usize;
+        Paging {
+            model,
+            board: Arc::new(Board::new(0, 1)),
+            executor: Executor::Nobody(decoded),
+            prefetch: false,
+            pages: vec![pool.nothing().clone(); count],
+            page_of_slot: vec![NONE; count],
+            usage: vec![0; count],
+            pool,
+            wish_limit: 0,
+            wants: Vec::new(),
+            wishes: std::array::from_fn(|_| Vec::new()),
+            merged: Vec::new(),
+            published: Vec::new(),
+            published_at: 0,
+            frame: 0,
+        }
+    }
+
+    /// The pool; without place holders where pages lie in a mapped file.
     pub fn pool(&self) -> &Pool {
         &self.pool
     }
@@ -196,6 +231,42 @@ impl Paging {
         &self.usage
     }
 
+    /// Place holders whose page is in use.
+    pub fn in_use(&self) -> usize {
+        match &self.executor {
+            Executor::Nobody(_) => self.usage.iter().filter(|usage| **usage > 0).count(),
+            _ => self.pool.in_use(),
+        }
+    }
+
+    /// The ancestors of the page in a place holder that is in use, from the root page down to its parent.
+    pub fn ancestors(&self, slot: u32) -> Vec<Page> {
+        match &self.executor {
+            Executor::Nobody(decoded) => {
+                let above = |page: &Page| page.parent().and_then(|parent| decoded.page(parent));
+                let mut ancestors: Vec<Page> = std::iter::successors(above(self.page(slot)), above).collect();
+                ancestors.reverse();
+                ancestors
+            }
+            _ => self.pool.ancestors(slot).iter().map(|page| Page::clone(page)).collect(),
+        }
+    }
+
+    /// A step towards a split whose record is in the same page as its parent's, in this place holder: fetches the page's own fields,
+    /// then the record, then its parts into the cache. No effect where it is in another page, which may not be there.
+    #[inline]
+    pub fn prefetch(&self, slot_above: u32, (page, record): (u32, u16), step: usize) {
+        if slot_above == NONE || self.page_number(slot_above) != page {
+            return;
+        }
+        let page = self.page(slot_above);
+        match step {
+            0 => prefetch(std::slice::from_ref(page), 0),
+            1 => page.prefetch_record(record),
+            _ => page.prefetch_parts(record),
+        }
+    }
+
     /// A frame begins.
     pub fn begin_frame(&mut self) {
         self.pool.begin_frame();
@@ -218,6 +289,16 @@ impl Paging {
         if parent_slot != NONE && self.page_number(parent_slot) == page {
             self.usage[parent_slot as usize] += 1;
             return Use::Granted { slot: parent_slot };
+        }
+        if let Executor::Nobody(decoded) = &self.executor {
+            let Some(usage) = self.usage.get_mut(page as usize) else { return Use::Refused };
+            if *usage == 0 {
+                let Some(mapped) = decoded.page(page) else { return Use::Refused };
+                self.pages[page as usize] = Arc::new(mapped);
+                self.page_of_slot[page as usize] = page;
+            }
+            *usage += 1;
+            return Use::Granted { slot: page };
         }
         // The parent's page is in use, and its ancestors are there. Who has no parent may have to have them brought in.
         let way = if parent_slot == NONE { self.model.way_to(page) } else { Vec::new() };
@@ -266,7 +347,9 @@ impl Paging {
         if *usage == 0 {
             self.page_of_slot[slot as usize] = NONE;
             self.pages[slot as usize] = self.pool.nothing().clone();
-            self.pool.stop_using(slot, hold);
+            if !matches!(self.executor, Executor::Nobody(_)) {
+                self.pool.stop_using(slot, hold);
+            }
         }
     }
 
@@ -357,7 +440,7 @@ impl Paging {
                 process.run_pending();
                 true
             }
-            Executor::Threads(_) => false,
+            Executor::Threads(_) | Executor::Nobody(_) => false,
         }
     }
 }

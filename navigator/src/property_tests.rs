@@ -10,8 +10,9 @@ use metanode::chain::PageChain;
 use metanode::header::Blocking;
 use metanode::model::Model;
 use metanode::page::PageLocation;
+use metanode::{DecodedFile, write_decoded};
 use proptest::prelude::*;
-use storage::{Disk, FaultyDisk, MemoryDisk};
+use storage::{Disk, FaultyDisk, LocalDisk, MapAdvice, MemoryDisk};
 use vdt::tree::{NO_SPLIT, Tree};
 
 use crate::budget::plan_with;
@@ -291,6 +292,45 @@ proptest! {
             let view = View::new(&camera, model.header(), options.width, options.height, &options.view).unwrap();
             let found: HashSet<u32> = starts(&navigator).into_iter().collect();
             prop_assert!(cut_by_criterion(&judged, &view.splits(pixels)).iter().all(|start| found.contains(start)));
+        }
+    }
+
+    /// By virtual memory a flight is what it is with all pages in RAM.
+    #[test]
+    fn mapped_pages_draw_the_same(
+        tree in trees(),
+        blocking in blockings(),
+        cameras in cameras(),
+        dependency in dependencies(),
+        (pixels, max_triangles) in (0.3..6.0_f32, prop::option::of(10..400_u64)),
+        advice in prop::sample::select(MapAdvice::ALL.as_slice()),
+    ) {
+        let disk = testing::disk_of(&tree, blocking);
+        let model = open(&disk);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("pages");
+        write_decoded(Arc::new(LocalDisk), &path, &model, &mut |_| ()).unwrap();
+        let decoded = DecodedFile::open(&LocalDisk, &path, &model).unwrap();
+        decoded.advise(advice).unwrap();
+        let options = NavigatorOptions { pixels, dependency, max_triangles, ..options() };
+        let mut resident = Navigator::open(model.clone(), options.clone()).unwrap();
+        let mut mapped = Navigator::open_mapped(model.clone(), options, decoded).unwrap();
+        prop_assert!(mapped.budget_bytes() <= resident.budget_bytes());
+        for camera in &self::path(&model, &cameras) {
+            let of_place_holders = resident.frame(camera).unwrap();
+            let statistics = mapped.frame(camera).unwrap();
+            check(&mapped).unwrap();
+            prop_assert_eq!(statistics.misses + statistics.reads, 0);
+            // But for what is read and how long it takes.
+            let same = FrameStatistics {
+                reads: 0, bytes_read: 0, urgent: 0, second_chances: 0, prefetch_given_up: 0, frame_ms: 0.0, cpu_ms: 0.0,
+                ..of_place_holders
+            };
+            prop_assert_eq!(FrameStatistics { frame_ms: 0.0, cpu_ms: 0.0, ..statistics }, same);
+            prop_assert_eq!(starts(&mapped), starts(&resident));
+            assert_is_mesh_of_cut(&mapped, &tree);
+            assert_are_applied_splits(&mapped, &tree, statistics.pages_in_use);
+            prop_assert_eq!(mapped.front_bytes(), resident.front_bytes());
         }
     }
 

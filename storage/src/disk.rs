@@ -13,6 +13,8 @@ use std::sync::Arc;
 use bytemuck::{Pod, Zeroable};
 use thiserror::Error;
 
+use crate::mapped_file::MappedFile;
+
 /// A failed disk operation: which file, what was being done, and what the system said.
 #[derive(Debug, Error)]
 pub enum StorageError {
@@ -188,6 +190,11 @@ pub trait ScratchFile: Send + Sync + Debug {
 pub trait Disk: Send + Sync + Debug {
     /// Opens an existing file for reading.
     fn open(&self, path: &Path) -> Result<Arc<dyn ReadAt>, StorageError>;
+
+    /// Maps an existing file into memory. Disks without files of the machine's cannot.
+    fn map(&self, path: &Path) -> Result<MappedFile, StorageError> {
+        Err(StorageError::io(path, "map", io::Error::from(io::ErrorKind::Unsupported)))
+    }
 
     /// Creates a file that must not exist yet.
     fn create_new(&self, path: &Path) -> Result<Box<dyn WriteFile>, StorageError>;
@@ -476,6 +483,10 @@ impl Disk for LocalDisk {
             return Err(StorageError::Directory { path: path.to_path_buf() });
         }
         Ok(Arc::new(LocalFile { file, path: path.to_path_buf(), length: metadata.len() }))
+    }
+
+    fn map(&self, path: &Path) -> Result<MappedFile, StorageError> {
+        MappedFile::open(path)
     }
 
     fn create_new(&self, path: &Path) -> Result<Box<dyn WriteFile>, StorageError> {

@@ -7,6 +7,8 @@
 //! |---|---|
 //! | [`disk`] | the trait, and the machine's own file system behind it |
 //! | [`direct_disk`] | the same, past the system's page cache |
+//! | [`mapped_file`] | a file mapped into memory: virtual memory, to measure against |
+//! | [`memory_cgroup`] | groups of processes that the system holds to a limit |
 //! | [`memory_disk`] | a file system in RAM, for tests |
 //! | [`faulty_disk`] | a disk that fails, or is slow, where a test says so |
 //! | [`atomic_file`] | a file that appears whole under its name, or not at all |
@@ -36,6 +38,8 @@ pub mod disk;
 pub mod edge_tree;
 pub mod faulty_disk;
 pub mod guarded_extsort;
+pub mod mapped_file;
+pub mod memory_cgroup;
 pub mod memory_disk;
 mod merge;
 pub mod paged_array;
@@ -57,6 +61,8 @@ pub use disk::{Block, Disk, LocalDisk, ReadAt, ScratchFile, StorageError, WriteF
 pub use edge_tree::{Edge, EdgeTree, EdgeTreeError, EdgeTreeKind};
 pub use faulty_disk::FaultyDisk;
 pub use guarded_extsort::{GuardedSorted, GuardedSorter};
+pub use mapped_file::{MapAdvice, MappedFile};
+pub use memory_cgroup::MemoryCgroup;
 pub use memory_disk::MemoryDisk;
 pub use paged_array::PagedArray;
 pub use random_file::Traffic;

@@ -303,6 +303,121 @@ fn blockings_and_what_flights_read() {
     assert_eq!(flight["reads"], flown["reads"]);
 }
 
+/// Flights by virtual memory, by our I/O and with all in RAM draw the same, in memory cgroups where there can be any.
+#[test]
+fn flights_by_virtual_memory_and_by_our_io() {
+    let place = place_with_meshes();
+    place.json("generate terrain --triangles 200000 -o terrain.ply");
+    place.json("build terrain.ply -o terrain.vdt");
+    place.json("generate sphere --triangles 80000 -o sphere.ply");
+    let flight = "--size 1024x768 --frame-rate 200";
+    let bench = format!("bench table2 terrain.vdt sphere.ply --path flyby:25 --memory 1/3,1 --scratch . {flight}");
+    let mut names = place.names();
+    let document = place.json(&format!("{bench} --path orbit:8 --plot table2.svg"));
+    names.insert("table2.svg".into());
+    assert_eq!(place.names(), names);
+    check_picture(
+        &place,
+        "table2.svg",
+        &[
+            "terrain.vdt, flyby:25",
+            "sphere.ply, orbit:8",
+            "virtual memory, random",
+            "our I/O",
+            "all in RAM",
+            "milliseconds",
+        ],
+    );
+    let has_cgroups = storage::MemoryCgroup::new(64 << 20).is_ok();
+    assert_eq!(document["cgroup"], has_cgroups);
+    assert_eq!(document["no_cgroup_because"].is_null(), has_cgroups);
+    let rows = document["rows"].as_array().unwrap();
+    let keys: Vec<_> = rows.iter().map(|row| (row["mesh"].as_str().unwrap(), row["path"].as_str().unwrap())).collect();
+    let flights = [
+        ("terrain.vdt", "flyby:25"),
+        ("terrain.vdt", "orbit:8"),
+        ("sphere.ply", "flyby:25"),
+        ("sphere.ply", "orbit:8"),
+    ];
+    let mut distinct = keys.clone();
+    distinct.dedup();
+    assert_eq!(distinct, flights);
+    for (number, row) in rows.iter().enumerate() {
+        let (memory, whole_bytes) = (whole(row, "memory_bytes"), whole(row, "in_memory_bytes"));
+        assert_eq!(whole(row, "limit_bytes"), memory + (8 << 20));
+        assert_eq!(float(row, "memory_share"), memory as f64 / whole_bytes as f64);
+        // Of one flight, more memory follows on less, and allows no larger error.
+        if let Some(next) = rows
+            .get(number + 1)
+            .filter(|next| keys[number] == (next["mesh"].as_str().unwrap(), next["path"].as_str().unwrap()))
+        {
+            assert!(
+                memory < whole(next, "memory_bytes") && float(row, "pixels") >= float(next, "pixels"),
+                "{document}"
+            );
+        }
+        let runs = &row["runs"];
+        let mapped = ["mmap_normal", "mmap_random", "mmap_will_need"].map(|name| &runs[name]);
+        let all = mapped.into_iter().chain([&runs["in_memory"], &runs["ours"]]);
+        for run in all {
+            assert_eq!((&run["killed"], &run["error"]), (&false.into(), &Value::Null), "{run}");
+            assert_eq!(float(run, "threshold_factor_max"), 1.0, "{run}");
+            assert_eq!(
+                run["frames"].as_u64().unwrap(),
+                row["path"].as_str().unwrap().split_once(':').unwrap().1.parse::<u64>().unwrap()
+            );
+        }
+        for run in mapped {
+            for same in ["triangles_mean", "error_stated", "adapts_mean"] {
+                assert_eq!(run[same], runs["in_memory"][same], "{same}");
+            }
+            assert_eq!((float(run, "miss_percent"), whole(run, "reads")), (0.0, 0));
+            if has_cgroups {
+                assert!(whole(run, "cgroup_peak_bytes") <= whole(row, "limit_bytes"), "{run}");
+            }
+        }
+        assert!(runs["in_memory"]["cgroup_peak_bytes"].is_null());
+        assert!(whole(&runs["ours"], "peak_rss_bytes") <= whole(row, "limit_bytes"), "{row}");
+        let times = mapped.map(|run| float(run, "frame_ms_mean"));
+        let best = times.into_iter().fold(f64::INFINITY, f64::min);
+        let ours = float(&runs["ours"], "frame_ms_mean");
+        assert_eq!(
+            (float(row, "speed_up_over_best"), float(row, "speed_up_over_default")),
+            (best / ours, times[0] / ours)
+        );
+        assert_eq!(float(&row["frame_ms"], "mmap_best"), best);
+        assert_eq!(row["miss_percent"], runs["ours"]["miss_percent"]);
+        let more = 100.0 * (float(&runs["ours"], "triangles_mean") / float(&runs["in_memory"], "triangles_mean") - 1.0);
+        assert!((float(row, "more_triangles_percent") - more).abs() < 1e-9);
+    }
+
+    let text = place.run(&bench).success();
+    for heading in
+        ["share", "pixels", "adapt", "Virt.", "Ext.", "miss %", "x best", "x default", "will-need", "tris +%"]
+    {
+        assert!(text.contains(heading), "no `{heading}` in {text}");
+    }
+    assert!(text.starts_with("terrain.vdt, flyby:25\n") && text.contains("\nsphere.ply, flyby:25\n"), "{text}");
+    assert!(text.lines().take(6).all(|line| line.chars().count() <= 105), "{text}");
+    assert!(
+        text.contains("memory cgroup of its memory and 8 MiB") || !has_cgroups && text.contains("NO MEMORY CGROUP")
+    );
+
+    // What is no mesh has its line, and the others theirs.
+    let outcome = place.run("bench table2 letter.txt ball.ply --path orbit:2 --memory 4M --scratch . --frame-rate 0");
+    assert_eq!((outcome.status.code(), outcome.stderr.as_str()), (Some(1), "vdt: 1 measurement failed\n"));
+    assert!(outcome.stdout.contains("letter.txt  failed: ") && outcome.stdout.contains("\nball.ply"), "{outcome:?}");
+    assert_eq!(place.names(), names);
+
+    place.write("old.svg", "precious");
+    place.refuses(1, "bench table2 missing.vdt", &["missing.vdt", "No such file"]);
+    place.refuses(1, "bench table2 ball.ply --plot old.svg", &["old.svg", "--force"]);
+    place.refuses(2, "bench table2", &["<MESH|MODEL.vdt>"]);
+    place.refuses(2, "bench table2 ball.ply --memory half", &["half", "neither a share"]);
+    place.refuses(2, "bench table2 ball.ply --path orbit:x", &["orbit:x"]);
+    place.refuses(2, "bench table2 ball.ply --runs 0", &["--runs"]);
+}
+
 #[test]
 fn blockings_for_people() {
     let place = place_with_meshes();
@@ -402,7 +517,7 @@ fn what_cannot_be_is_refused_before_anything_is_built() {
 #[test]
 fn the_examples_of_the_help_are_right() {
     let place = workplace!();
-    for bench in ["table1", "io", "error", "blocking"] {
+    for bench in ["table1", "table2", "io", "error", "blocking"] {
         let help = place.run(&format!("bench {bench} --help")).success();
         let examples: Vec<&str> = help.split_once("Examples:\n").unwrap().1.lines().collect();
         assert!(examples.len() >= 2);
@@ -445,5 +560,39 @@ fn stopped_in_between_nothing_is_left() {
         let outcome = wait(child, command, |_| ());
         assert_eq!((outcome.status.code(), outcome.stderr.as_str()), (Some(130), "vdt: interrupted\n"), "{outcome:?}");
         assert_eq!(place.names(), names);
+    }
+}
+
+/// Told to stop while a flight goes on, the bench ends it, and its memory cgroup goes too, where there was one.
+#[test]
+fn stopped_in_a_flight_nothing_is_left() {
+    let place = workplace!();
+    place.json("generate sphere --triangles 20000 -o sphere.ply");
+    place.json("build sphere.ply -o sphere.vdt");
+    let names = place.names();
+    let command = "bench table2 sphere.vdt --path orbit:100000 --memory 4M --frame-rate 20 --scratch .";
+    // All in RAM is flown first, without a cgroup, and takes too long to wait for; so it is flown fast.
+    let fast = "bench table2 sphere.vdt --path orbit:20000 --pixels 50 --memory 4M --frame-rate 4000 --scratch .";
+    for (command, waits_for_cgroup) in [(command, false), (fast, storage::MemoryCgroup::new(64 << 20).is_ok())] {
+        let words: Vec<&str> = command.split_whitespace().collect();
+        let child = place.command(&words).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+        let child = child.unwrap();
+        let cgroup = |parent: &str| PathBuf::from(parent).join(format!("vdt-{}-0", child.id()));
+        let cgroups = ["/sys/fs/cgroup/memory", "/sys/fs/cgroup"].map(cgroup);
+        let has_begun = || match waits_for_cgroup {
+            true => cgroups.iter().any(|folder| folder.exists()),
+            false => place.names().iter().any(|name| name.ends_with("/pages")),
+        };
+        let start = Instant::now();
+        while !has_begun() {
+            assert!(start.elapsed() < Duration::from_secs(60), "no flight was begun");
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        let sent = Command::new("kill").args(["-s", "TERM", &child.id().to_string()]).status().unwrap();
+        assert!(sent.success());
+        let outcome = wait(child, command, |_| ());
+        assert_eq!((outcome.status.code(), outcome.stderr.as_str()), (Some(130), "vdt: interrupted\n"), "{outcome:?}");
+        assert_eq!(place.names(), names);
+        assert!(cgroups.iter().all(|folder| !folder.exists()));
     }
 }

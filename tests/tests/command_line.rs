@@ -252,6 +252,63 @@ fn options_of_a_flight() {
     assert!(start.elapsed().as_secs_f64() >= 0.29);
 }
 
+/// By virtual memory a flight draws what it draws by reads; the file for it is kept where one is named, and checked.
+#[test]
+fn a_flight_by_virtual_memory() {
+    let place = place_with_ball();
+    let path = "--path orbit:30 --frame-rate 0 --force --csv";
+    place.json(&format!("navigate ball.vdt --io sync {path} sync.csv"));
+    let (columns, of_reads) = read_csv(&String::from_utf8(place.read("sync.csv")).unwrap());
+    let names = place.names();
+    for advice in ["", "--advice normal", "--advice random", "--advice will-need", "--advice populate"] {
+        let flown = place.json(&format!("navigate ball.vdt --io mmap {advice} {path} sync.csv"));
+        assert_eq!((&flown["reads"], &flown["miss_percent"]), (&0.into(), &0.0.into()));
+        assert!(flown["place_holders"].is_null() && flown["decoded_bytes"].as_u64().unwrap() > 1 << 16, "{flown}");
+        let (_, rows) = read_csv(&String::from_utf8(place.read("sync.csv")).unwrap());
+        for name in ["triangles", "vertices", "splits", "collapses", "error_stated", "pages_in_use"] {
+            let column = columns.iter().position(|column| column == name).unwrap();
+            let figures = |rows: &[Vec<f64>]| rows.iter().map(|row| row[column]).collect::<Vec<_>>();
+            assert_eq!(figures(&rows), figures(&of_reads), "{name}");
+        }
+        // Nothing is left in the folder, nor anywhere else.
+        assert_eq!(place.names(), names);
+    }
+    let text = place.run(&format!("navigate ball.vdt --io mmap --decoded pages {path} sync.csv")).success();
+    assert!(text.contains("what the system keeps of a file of "), "{text}");
+    let pages = place.read("pages");
+    place.json(&format!("navigate ball.vdt --io mmap --decoded pages {path} sync.csv"));
+    assert!(pages == place.read("pages"));
+
+    // Once settled, the first frame of a flight changes nothing.
+    place.json(&format!("navigate ball.vdt --settle {path} settled.csv"));
+    let (_, rows) = read_csv(&String::from_utf8(place.read("settled.csv")).unwrap());
+    let first = |name: &str| rows[0][columns.iter().position(|column| column == name).unwrap()];
+    assert_eq!((rows.len(), first("frame"), first("requests"), first("misses")), (30, 0.0, 0.0, 0.0));
+    assert!(first("triangles") > 100.0);
+
+    place.write("letter.txt", "Dear reader, this is no file of decoded pages, but it is long enough for one.\n");
+    let mut damaged = pages.clone();
+    damaged[pages.len() / 2] ^= 1;
+    place.write("damaged", damaged);
+    place.write("cut", &pages[..pages.len() - 64]);
+    let flight = "navigate ball.vdt --path orbit:3";
+    for (file, says) in [("letter.txt", "no file of decoded"), ("damaged", "the checksum does not"), ("cut", "it says")]
+    {
+        place.refuses(1, &format!("{flight} --io mmap --decoded {file}"), &[file, says]);
+    }
+    place.json("generate sphere --triangles 500 -o other.ply");
+    place.json("build other.ply -o other.vdt");
+    place.refuses(
+        1,
+        "navigate other.vdt --path orbit:3 --io mmap --decoded pages",
+        &["pages", "another model", "other.vdt"],
+    );
+    place.refuses(1, &format!("{flight} --io mmap --decoded nowhere/pages"), &["nowhere"]);
+    place.refuses(2, &format!("{flight} --advice random"), &["--advice", "--io mmap"]);
+    place.refuses(2, &format!("{flight} --io sync --decoded pages"), &["--decoded", "--io mmap"]);
+    place.refuses(2, &format!("{flight} --io mmap --advice maybe"), &["maybe", "will-need"]);
+}
+
 #[test]
 fn path_files() {
     let place = place_with_ball();

@@ -7,7 +7,7 @@
 use std::os::unix::process::ExitStatusExt;
 
 use serde_json::Value;
-use vdt_tests::memory::{MemoryCgroup, run_watched};
+use vdt_tests::memory::{MemoryCgroup, run_in, run_watched};
 use vdt_tests::program::{Outcome, Workplace};
 use vdt_tests::workplace;
 
@@ -66,7 +66,7 @@ fn the_program_says_truly_what_it_took() {
 /// in a cgroup much too small for it, or else the cgroups of this system hold nobody to anything.
 fn not_killed(place: &Workplace, bytes: u64, arguments: &str) -> Option<Outcome> {
     match MemoryCgroup::new(bytes) {
-        Ok(group) => Some(group.run(place, arguments)),
+        Ok(group) => Some(run_in(&group, place, arguments)),
         Err(error) => {
             println!("`vdt {arguments}` was not run in a memory cgroup, only its resident set was watched: {error}");
             None

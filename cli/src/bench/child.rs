@@ -1,8 +1,9 @@
-//! A temporary folder, and builds in it as processes of their own, one after the other.
+//! A temporary folder, and runs of this program as processes of their own, one after the other: builds in that folder, and
+//! flights, in memory cgroups perhaps.
 //!
-//! Peak RAM and CPU time are then each build's own, by the operating system's figures. The folder is removed when the
-//! last build is done, and also when this program is told to stop: [`end`] stops the build that goes on, waits for it,
-//! and removes the folder.
+//! Peak RAM and CPU time are then each run's own, by the operating system's figures. The folder is removed when the
+//! last run is done, and also when this program is told to stop: [`end`] stops the run that goes on, waits for it,
+//! and removes the folder and the cgroup.
 
 use std::ffi::OsString;
 use std::io::Read;
@@ -12,6 +13,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Result};
 use serde_json::Value;
+use storage::MemoryCgroup;
+use storage::memory_cgroup::remove_cgroup;
 use tempfile::TempDir;
 
 /// What has to be ended and removed when the program is told to stop.
@@ -19,22 +22,23 @@ use tempfile::TempDir;
 struct Running {
     child: Option<Child>,
     folder: Option<PathBuf>,
+    cgroup: Option<PathBuf>,
 }
 
-static RUNNING: Mutex<Running> = Mutex::new(Running { child: None, folder: None });
+static RUNNING: Mutex<Running> = Mutex::new(Running { child: None, folder: None, cgroup: None });
 
 fn running() -> MutexGuard<'static, Running> {
     // Whatever happened to the thread that held it: a process and a path are still what they were.
     RUNNING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Keeps builds from being started, as long as it lives.
+/// Keeps runs from being started, as long as it lives.
 #[derive(Debug)]
 pub struct Ended {
     _running: MutexGuard<'static, Running>,
 }
 
-/// Ends the build that goes on, and removes the folder: what a program does when it is told to stop at once. It ends
+/// Ends the run that goes on, and removes the folder and the cgroup: what a program does when it is told to stop at once. It ends
 /// while it holds what is returned, so that nothing new is begun meanwhile.
 pub fn end() -> Ended {
     let mut running = running();
@@ -46,13 +50,44 @@ pub fn end() -> Ended {
     if let Some(folder) = running.folder.take() {
         let _ = std::fs::remove_dir_all(folder);
     }
+    if let Some(cgroup) = running.cgroup.take() {
+        remove_cgroup(&cgroup);
+    }
     Ended { _running: running }
 }
 
-/// What a build came to: what it printed, or what it complained of.
+/// What a run came to: what it printed, or what it complained of.
 pub type Outcome = Result<Value, String>;
 
-/// A temporary folder in which builds are run, or cuts measured. There is one at a time.
+/// A memory cgroup for runs, which goes too when this program is told to stop.
+#[derive(Debug)]
+pub struct RunCgroup(MemoryCgroup);
+
+impl RunCgroup {
+    /// A cgroup of so many bytes. There is one at a time.
+    pub fn new(bytes: u64) -> std::io::Result<Self> {
+        let mut running = running();
+        let group = MemoryCgroup::new(bytes)?;
+        running.cgroup = Some(group.folder().to_path_buf());
+        Ok(RunCgroup(group))
+    }
+
+    /// The cgroup.
+    pub fn group(&self) -> &MemoryCgroup {
+        &self.0
+    }
+}
+
+impl Drop for RunCgroup {
+    fn drop(&mut self) {
+        // Under the lock, as the folder of a workshop.
+        let mut running = running();
+        running.cgroup = None;
+        remove_cgroup(self.0.folder());
+    }
+}
+
+/// A temporary folder in which this program is run, or cuts are measured. There is one at a time.
 #[derive(Debug)]
 pub struct Workshop {
     folder: TempDir,
@@ -93,16 +128,29 @@ impl Workshop {
     ///
     /// # Errors
     ///
-    /// Where the build cannot be started or watched, or prints what is no JSON; where what is left of the build before
-    /// cannot be removed.
+    /// As [`Workshop::run`], and where what is left of the build before cannot be removed.
     pub fn build(&self, mesh: &Path, options: &[OsString]) -> Result<Outcome> {
         let place = self.place();
         if place.exists() {
             std::fs::remove_dir_all(&place).with_context(|| format!("cannot empty {}", place.display()))?;
         }
         std::fs::create_dir(&place).with_context(|| format!("cannot make {}", place.display()))?;
-        let mut command = Command::new(&self.program);
+        let mut command = self.command(None);
         command.arg("build").arg("--json").arg("-o").arg(self.model()).args(options).arg("--").arg(mesh);
+        self.run(command, "build")
+    }
+
+    /// This program, to be run, in a cgroup or outside of any, with arguments to be added.
+    pub fn command(&self, group: Option<&MemoryCgroup>) -> Command {
+        group.map_or_else(|| Command::new(&self.program), |group| group.command(&self.program))
+    }
+
+    /// Runs such a command to its end. One that fails is an [`Outcome`] too. `what` names it.
+    ///
+    /// # Errors
+    ///
+    /// Where it cannot be started or watched, or prints what is no JSON.
+    pub fn run(&self, mut command: Command, what: &str) -> Result<Outcome> {
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut started = running();
         let mut child = command.spawn().context("cannot start this program again")?;
@@ -116,13 +164,14 @@ impl Workshop {
         });
         // Where it is gone, the program was told to stop, and does not come back from the lock.
         let child = running().child.take();
-        let status = child.context("the build was ended")?.wait().context("cannot wait for the build")?;
+        let mut child = child.with_context(|| format!("the {what} was ended"))?;
+        let status = child.wait().with_context(|| format!("cannot wait for the {what}"))?;
         if status.success() {
-            let document = serde_json::from_str(&document).context("a build printed no JSON")?;
+            let document = serde_json::from_str(&document).with_context(|| format!("a {what} printed no JSON"))?;
             return Ok(Ok(document));
         }
         let complaint = complaint.trim().trim_start_matches("vdt: ").trim_start_matches("error: ");
-        Ok(Err(if complaint.is_empty() { format!("the build ended with {status}") } else { complaint.to_owned() }))
+        Ok(Err(if complaint.is_empty() { format!("the {what} ended with {status}") } else { complaint.to_owned() }))
     }
 }
 

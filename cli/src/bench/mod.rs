@@ -1,13 +1,15 @@
-//! `vdt bench`: measurements of builds, on the meshes given, of what models state, and of how they are blocked.
+//! `vdt bench`: measurements of builds, on the meshes given, of what models state, of how they are blocked, and of flights.
 //!
 //! | module | what it does |
 //! |---|---|
 //! | [`table1`] | the paper's Table 1: construction times and file sizes |
+//! | [`table2`] | the paper's Table 2: frame times by virtual memory and by our I/O |
+//! | [`memory_share`] | memory as a share of what all takes |
 //! | [`io`] | bytes moved against the memory limit |
 //! | [`error`], [`cuts`] | stated errors of cuts against measured ones |
 //! | [`blocking`], [`blockings`], [`flight`] | blockings: sizes, and what flights read |
 //! | [`decode`] | how fast pages are decoded |
-//! | [`child`] | builds as processes of their own, in a temporary folder |
+//! | [`child`] | builds and flights as processes of their own, in a temporary folder and in memory cgroups |
 //! | [`figures`] | what a build says of itself |
 //! | [`machine`] | on which machine it was measured |
 //! | [`strategy`] | a strategy with its B-tree |
@@ -23,9 +25,11 @@ mod figures;
 mod flight;
 mod io;
 mod machine;
+mod memory_share;
 mod plot;
 mod strategy;
 mod table1;
+mod table2;
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -38,12 +42,14 @@ use crate::arguments::{BenchCommand, BenchOptions};
 use crate::output::{may_write, write_text};
 
 pub use blockings::Blockings;
-pub use child::end;
+pub use child::{Workshop, end};
+pub use memory_share::MemoryShare;
 pub use strategy::StrategyChoice;
 
 pub fn run(options: BenchOptions, json: bool) -> Result<()> {
     match options.command {
         BenchCommand::Table1(options) => table1::run(&options, json),
+        BenchCommand::Table2(options) => table2::run(&options, json),
         BenchCommand::Io(options) => io::run(&options, json),
         BenchCommand::Error(options) => error::run(&options, json),
         BenchCommand::Blocking(options) => blocking::run(&options, json),

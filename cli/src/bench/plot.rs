@@ -1,5 +1,5 @@
 //! The pictures of the benches, as SVG: bytes moved against memory, CPU time for each triangle, stated errors against
-//! measured ones, and bytes that a flight reads against the size of place holders.
+//! measured ones, bytes that a flight reads against the size of place holders, and times of frames against memory.
 
 use std::ops::Range;
 
@@ -266,26 +266,59 @@ pub fn ratios(rows: &[error::Row], title: &str) -> Result<String> {
 /// Draws, for each mesh under the others, the bytes that a flight within the budget reads in a frame against the size of the
 /// place holders, both on logarithmic scales: a line for each fan-out, and one for whole levels.
 pub fn reads_against_slots(subjects: &[blocking::Subject], title: &str) -> Result<String> {
+    let panels: Vec<Panel> = subjects
+        .iter()
+        .map(|subject| Panel {
+            name: subject.name.clone(),
+            axes: ["place holder", "read in a frame"],
+            lines: reads_lines(subject),
+            label: &|bytes| ByteSize(bytes as u64).to_string(),
+        })
+        .collect();
+    draw_panels(&panels, title)
+}
+
+/// Draws, for each flight under the others, the time of a frame against the memory, both on logarithmic scales: a line
+/// for each way to fly.
+pub fn frame_times_against_memory(flights: Vec<(String, Vec<Line>)>, title: &str) -> Result<String> {
+    let panels: Vec<Panel> = flights
+        .into_iter()
+        .map(|(name, lines)| Panel { name, axes: ["memory", "milliseconds"], lines, label: &|time| format!("{time}") })
+        .collect();
+    draw_panels(&panels, title)
+}
+
+/// A chart of several lines, both axes logarithmic, that on the bottom in bytes.
+struct Panel {
+    name: String,
+    /// What is on the axes, that on the bottom first.
+    axes: [&'static str; 2],
+    lines: Vec<Line>,
+    /// How values on the left are written.
+    label: &'static dyn Fn(f64) -> String,
+}
+
+fn draw_panels(panels: &[Panel], title: &str) -> Result<String> {
     let mut svg = String::new();
     {
-        let height = CAPTION + HEIGHT * subjects.len().max(1) as u32;
+        let height = CAPTION + HEIGHT * panels.len().max(1) as u32;
         let area = SVGBackend::with_string(&mut svg, (WIDTH, height)).into_drawing_area();
         area.fill(&WHITE).map_err(drawing)?;
         let area = area.titled(title, (FONT, 20)).map_err(drawing)?;
-        for (subject, panel) in subjects.iter().zip(area.split_evenly((subjects.len().max(1), 1))) {
-            reads_of_subject(subject, &panel)?;
+        for (panel, area) in panels.iter().zip(area.split_evenly((panels.len().max(1), 1))) {
+            draw_panel(panel, &area)?;
         }
         area.present().map_err(drawing)?;
     }
     Ok(svg)
 }
 
-/// A line of the picture of reads: its name, and for each of its blockings the bytes of a place holder and those read.
-type ReadsLine = (String, Vec<(f64, f64)>);
+/// A line of a picture: its name and its points, with x and y above 0.
+pub type Line = (String, Vec<(f64, f64)>);
 
 /// The lines of one mesh, in the order of its blockings.
-fn reads_lines(subject: &blocking::Subject) -> Vec<ReadsLine> {
-    let mut lines: Vec<ReadsLine> = Vec::new();
+fn reads_lines(subject: &blocking::Subject) -> Vec<Line> {
+    let mut lines: Vec<Line> = Vec::new();
     for row in subject.outcome.iter().flatten() {
         let blocking::Outcome::Measured(measured) = &row.outcome else { continue };
         let name = match row.blocking {
@@ -302,42 +335,40 @@ fn reads_lines(subject: &blocking::Subject) -> Vec<ReadsLine> {
     lines
 }
 
-fn reads_of_subject<'a>(
-    subject: &blocking::Subject,
-    panel: &DrawingArea<SVGBackend<'a>, plotters::coord::Shift>,
-) -> Result<()> {
-    let lines = reads_lines(subject);
+fn draw_panel<'a>(panel: &Panel, area: &DrawingArea<SVGBackend<'a>, plotters::coord::Shift>) -> Result<()> {
+    let Panel { name, axes, lines, label } = panel;
     let all = || lines.iter().flat_map(|(_, points)| points);
     let around = |values: &mut dyn Iterator<Item = f64>, by: f64| {
         let (least, most) = values.fold((f64::INFINITY, 0.0_f64), |(least, most), at| (least.min(at), most.max(at)));
         if most > 0.0 { least / by..most * by } else { 1.0..1024.0 }
     };
-    let slots = around(&mut all().map(|at| at.0), 1.3);
-    let bytes = around(&mut all().map(|at| at.1), 1.5);
-    let mut chart = ChartBuilder::on(panel)
-        .caption(&subject.name, (FONT, 18))
+    let across = around(&mut all().map(|at| at.0), 1.3);
+    let up = around(&mut all().map(|at| at.1), 1.5);
+    let mut chart = ChartBuilder::on(area)
+        .caption(name, (FONT, 18))
         .margin(16)
         .x_label_area_size(48)
         .y_label_area_size(90)
-        .build_cartesian_2d(slots.log_scale().base(2.0), bytes.log_scale().base(2.0))
+        .build_cartesian_2d(across.log_scale().base(2.0), up.log_scale().base(2.0))
         .map_err(drawing)?;
     chart
         .configure_mesh()
-        .x_desc("place holder")
-        .y_desc("read in a frame")
+        .x_desc(axes[0])
+        .y_desc(axes[1])
         .x_label_formatter(&|bytes| ByteSize(*bytes as u64).to_string())
-        .y_label_formatter(&|bytes| ByteSize(*bytes as u64).to_string())
+        .y_label_formatter(&|value| label(*value))
         .label_style((FONT, 15))
         .draw()
         .map_err(drawing)?;
-    for (number, (name, mut points)) in lines.into_iter().enumerate() {
+    for (number, (name, points)) in lines.iter().enumerate() {
         let colour = colour(number);
+        let mut points = points.clone();
         points.sort_by(|left, right| left.0.total_cmp(&right.0));
         let dots: Vec<_> = points.iter().map(|at| Circle::new(*at, 4, colour.filled())).collect();
         chart
             .draw_series(LineSeries::new(points, colour.stroke_width(2)))
             .map_err(drawing)?
-            .label(name)
+            .label(name.as_str())
             .legend(move |(x, y)| PathElement::new([(x, y), (x + 24, y)], colour.stroke_width(2)));
         chart.draw_series(dots).map_err(drawing)?;
     }

@@ -17,7 +17,10 @@ impl Front {
                 prefetch(&self.births, vertex as usize);
             }
             1 => {
-                self.stars.prefetch(self.links[vertex as usize].star);
+                let links = &self.links[vertex as usize];
+                self.stars.prefetch(links.star);
+                // Its place holder is that of the parent, most often.
+                prefetch(&self.births, links.last as usize);
                 self.prefetch_criteria(vertex);
             }
             2 => self.prefetch_triangles(vertex),
