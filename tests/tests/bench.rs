@@ -398,7 +398,7 @@ fn flights_by_virtual_memory_and_by_our_io() {
         assert!(text.contains(heading), "no `{heading}` in {text}");
     }
     assert!(text.starts_with("terrain.vdt, flyby:25\n") && text.contains("\nsphere.ply, flyby:25\n"), "{text}");
-    assert!(text.lines().take(6).all(|line| line.chars().count() <= 105), "{text}");
+    assert!(text.lines().take(6).all(|line| line.chars().count() <= 110), "{text}");
     assert!(
         text.contains("memory cgroup of its memory and 8 MiB") || !has_cgroups && text.contains("NO MEMORY CGROUP")
     );
