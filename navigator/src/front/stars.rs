@@ -219,7 +219,7 @@ mod tests {
             let star = random.below(8);
             match random.below(5) {
                 0 | 1 if lists[star].len() < 60 => {
-                    let entry = Entry { corner: step << 2 | step % 3, leaf: random.below(100) as u32 };
+                    let entry = Entry { corner: step * 4 + step % 3, leaf: random.below(100) as u32 };
                     stars.push(&mut heads[star], entry);
                     lists[star].push((entry.corner, entry.leaf));
                 }
