@@ -206,6 +206,7 @@ fn seen(model: Arc<Model>, options: &ExtractOptions, target: Target<'_>, camera:
         height: size.height,
         dependency: Dependency::Implicit,
         io: Io::Sync,
+        prefetch: false,
         ..NavigatorOptions::default()
     };
     let mut navigator = Navigator::open(model.clone(), navigator_options)?;

@@ -224,6 +224,8 @@ pub struct Navigator {
     threshold_factor: f32,
     /// Whether the last frame changed nothing, missed nothing, and kept the threshold.
     is_at_rest: bool,
+    /// With how many frames the camera has stood still, and nothing was changed, missed or wished.
+    frames_at_rest: usize,
     last_camera: Option<Camera>,
     predictor: Predictor,
     /// With how many frames of this camera pages found no room.
@@ -304,6 +306,7 @@ impl Navigator {
             frame: 0,
             threshold_factor: 1.0,
             is_at_rest: false,
+            frames_at_rest: 0,
             last_camera: None,
             predictor: Predictor::default(),
             starved_frames: 0,
@@ -349,7 +352,7 @@ impl Navigator {
         self.collapse(&view, threshold, max_adapts, &mut statistics);
         self.split(&view, threshold, max_adapts, &mut statistics)?;
         self.wish_ahead(&view, threshold)?;
-        self.paging.end_frame();
+        let has_wishes = self.paging.end_frame();
         self.check_failure()?;
         self.front.close_gaps(GAPS_CLOSED);
 
@@ -369,6 +372,8 @@ impl Navigator {
             && statistics.postponed == 0
             && !waits
             && self.threshold_factor == statistics.threshold_factor;
+        let rests = self.is_at_rest && stands_still && !has_wishes;
+        self.frames_at_rest = if rests { self.frames_at_rest + 1 } else { 0 };
         statistics.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         statistics.cpu_ms = (thread_cpu_time() - cpu_start).as_secs_f64() * 1e3;
         let largest_switch = self.error_in(&view);
@@ -394,9 +399,10 @@ impl Navigator {
     }
 
     /// Whether another frame with the same camera would change nothing: nothing is missing, nothing outstanding, and
-    /// the last frame changed nothing.
+    /// the last frame changed nothing; nor do the next ones wish for anything, of whatever part of the front.
     pub fn settled(&self) -> bool {
-        self.is_at_rest && self.paging.board().is_idle()
+        let has_looked_everywhere = !self.options.prefetch || self.frames_at_rest >= SWEEP_FRAMES;
+        self.is_at_rest && has_looked_everywhere && self.paging.board().is_idle()
     }
 
     /// The model.

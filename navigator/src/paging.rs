@@ -376,10 +376,11 @@ impl Paging {
         }
     }
 
-    /// A frame ends: what was wished in it and the last ones is the prefetch list from now on.
-    pub fn end_frame(&mut self) {
+    /// A frame ends: what was wished in it and the last ones is the prefetch list from now on. True if there is anything to be
+    /// read on it that may find room.
+    pub fn end_frame(&mut self) -> bool {
         if !self.prefetch {
-            return;
+            return false;
         }
         self.merge_wants();
         let mut wishes = std::mem::take(&mut self.wishes[self.frame % SWEEP_FRAMES]);
@@ -401,7 +402,7 @@ impl Paging {
         let version = self.pool.version();
         let pages = merged.iter().map(Command::page);
         if version == self.published_at && pages.clone().eq(self.published.iter().copied()) {
-            return;
+            return false;
         }
         self.published.clear();
         self.published.extend(pages);
@@ -409,6 +410,7 @@ impl Paging {
         let cancelled = self.board.publish(merged);
         self.count_cancelled(cancelled);
         self.run_inline();
+        !self.published.is_empty()
     }
 
     /// An error that names the file and the page that does not fit.

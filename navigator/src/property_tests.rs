@@ -234,6 +234,11 @@ proptest! {
         prop_assert!(navigator.settled());
         check(&navigator).unwrap();
         assert_is_mesh_of_cut(&navigator, &tree);
+        // And stays there: no part of the front wishes for anything later.
+        for _ in 0..6 {
+            navigator.frame(path.last().unwrap()).unwrap();
+            prop_assert!(navigator.settled());
+        }
     }
 
     #[test]

@@ -121,6 +121,7 @@ impl Cutter {
             height: HEIGHT,
             dependency: Dependency::Implicit,
             io: Io::Sync,
+            prefetch: false,
             ..NavigatorOptions::default()
         };
         let mut navigator = Navigator::open(self.model.clone(), options)
