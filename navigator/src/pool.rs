@@ -54,7 +54,7 @@
 //!
 //! Those are the least. Of more slots, an eighth is reserved for what is not in use (see [`reserved_slots`]): else a
 //! pool that is the limit of what is drawn would be in use nearly as a whole, with no slot for what is prefetched. (Dragon in
-//! 16 MB: misses 5.6 % without, 2.1 % with an eighth and a tenth fewer triangles; with a fifth 2.0 %, and a sixth fewer.)
+//! 16 MB: misses 5.6 % without, 2.1 % with an eighth and a tenth fewer triangles; with a fifth 2.0 %, and a sixth fewer; one run each.)
 //!
 //! So a page on level l of the page tree can be used, whatever else was let go, with l + 2 slots: its l - 1 ancestors and
 //! the three that it asks for.
