@@ -3,7 +3,7 @@
 //!
 //! Stars beyond their first line are left out.
 
-use super::{CHUNK, Front, NEXT, NONE};
+use super::{Birth, CHUNK, Front, NEXT, NONE};
 use storage::prefetch::prefetch;
 
 impl Front {
@@ -21,6 +21,9 @@ impl Front {
                 self.stars.prefetch(links.star);
                 // Its place holder is that of the parent, most often.
                 prefetch(&self.births, links.last as usize);
+                if links.last == NONE {
+                    prefetch(&self.links, self.births[vertex as usize].kept as usize);
+                }
                 self.prefetch_criteria(vertex);
             }
             2 => self.prefetch_triangles(vertex),
@@ -40,12 +43,16 @@ impl Front {
                 self.prefetch_criteria(born);
             }
             1 => {
-                let kept = self.births[born as usize].kept;
+                let Birth { kept, previous, .. } = self.births[born as usize];
                 if kept != NONE {
                     prefetch(&self.links, kept as usize);
                     prefetch(&self.spans, kept as usize);
+                    prefetch(&self.births, kept as usize);
                     self.prefetch_criteria(kept);
                 }
+                // What can be undone next.
+                prefetch(&self.births, previous as usize);
+                prefetch(&self.links, previous as usize);
                 self.stars.prefetch(self.links[born as usize].star);
             }
             2 => {
