@@ -22,7 +22,7 @@ use crate::statement::why_not_guaranteed;
 
 /// The first line of the CSV file: the fields of [`FrameStatistics`].
 const CSV_HEADER: &str = "frame,triangles,vertices,splits,collapses,requests,misses,blocked,forced,over_budget,postponed,\
-threshold_factor,error_stated,guaranteed,vanished_parts,pages_in_use,reads,bytes_read,second_chances,urgent,prefetch_given_up,\
+threshold_factor,pixels_drawn,error_stated,guaranteed,vanished_parts,pages_in_use,reads,bytes_read,second_chances,urgent,prefetch_given_up,\
 prefetched,prefetch_used,cancelled,evicted,evicted_wished,evicted_untried,retries,read_failures,frame_ms,cpu_ms\n";
 
 /// Frames in which the picture of the first camera has to come to rest, where it is to.
@@ -189,6 +189,7 @@ fn csv_line(frame: &FrameStatistics) -> String {
         over_budget,
         postponed,
         threshold_factor,
+        pixels_drawn,
         error_stated,
         guaranteed,
         vanished_parts,
@@ -211,7 +212,7 @@ fn csv_line(frame: &FrameStatistics) -> String {
     } = frame;
     format!(
         "{frame},{triangles},{vertices},{splits},{collapses},{requests},{misses},{blocked},{forced},{over_budget},{postponed},\
-         {threshold_factor},{error_stated},{},{vanished_parts},{pages_in_use},{reads},{bytes_read},{second_chances},{urgent},\
+         {threshold_factor},{pixels_drawn},{error_stated},{},{vanished_parts},{pages_in_use},{reads},{bytes_read},{second_chances},{urgent},\
          {prefetch_given_up},{prefetched},{prefetch_used},{cancelled},{evicted},{evicted_wished},{evicted_untried},{retries},\
          {read_failures},{frame_ms:.3},{cpu_ms:.3}\n",
         u8::from(*guaranteed)
@@ -262,6 +263,15 @@ fn report(options: &arguments::NavigateOptions, flight: &Flight, model: &Model) 
             grouped(summary.second_chances),
         ),
     );
+    report.line(
+        "pixels",
+        format!(
+            "{:.2} median, {:.2} at the 99th percentile; at most twice what is asked for in {:.1} % of the frames",
+            summary.pixels_percentile(50.0),
+            summary.pixels_percentile(99.0),
+            summary.within_pixels_percent(2.0 * f64::from(options.pixels)),
+        ),
+    );
     let stated = f64::from(summary.error_stated);
     let error = match summary.guaranteed() {
         true => format!("up to {} in the picture, guaranteed for the parts that are drawn", bound(stated)),
@@ -293,7 +303,7 @@ fn report(options: &arguments::NavigateOptions, flight: &Flight, model: &Model) 
 
 fn to_json(options: &arguments::NavigateOptions, flight: &Flight, model: &Model) -> Value {
     let Flight { summary, .. } = flight;
-    json!({
+    let mut frames = json!({
         "frames": summary.frames(),
         "triangles_mean": summary.triangles_mean(),
         "adapts_mean": summary.adapts_mean(),
@@ -303,11 +313,17 @@ fn to_json(options: &arguments::NavigateOptions, flight: &Flight, model: &Model)
         "frame_ms_p50": summary.frame_ms_percentile(50.0),
         "frame_ms_p99": summary.frame_ms_percentile(99.0),
         "cpu_ms_mean": summary.cpu_ms_mean(),
+        "pixels_p50": summary.pixels_percentile(50.0),
+        "pixels_p99": summary.pixels_percentile(99.0),
+        "pixels_max": summary.pixels_percentile(100.0),
+        "within_twice_percent": summary.within_pixels_percent(2.0 * f64::from(options.pixels)),
         "error_stated": summary.error_stated,
         "guaranteed": summary.guaranteed(),
         "vanished_parts_max": summary.vanished_parts,
         "input_error": model.header().input_error,
         "error_bound": model.header().error_bound.to_string(),
+    });
+    let of_disk = json!({
         "reads": summary.reads,
         "bytes_read": summary.bytes_read,
         "second_chances": summary.second_chances,
@@ -332,5 +348,9 @@ fn to_json(options: &arguments::NavigateOptions, flight: &Flight, model: &Model)
         "peak_rss_bytes": flight.peak,
         "budget_bytes": options.memory.0,
         "planned_bytes": flight.planned_bytes,
-    })
+    });
+    if let (Value::Object(all), Value::Object(of_disk)) = (&mut frames, of_disk) {
+        all.extend(of_disk);
+    }
+    frames
 }

@@ -238,7 +238,7 @@ mod tests {
         while memory < whole.bytes {
             let budget = plan(&model, memory).unwrap();
             assert!(
-                budget.bytes <= memory && budget.bytes > memory - 2 * u64::from(model.header().slot_bytes) - (32 << 10)
+                budget.bytes <= memory && budget.bytes > memory - 2 * u64::from(model.header().slot_bytes) - (96 << 10)
             );
             assert!(budget.slots >= LEAST_FOR_URGENT + model.header().page_levels as usize - 1);
             memory += 1000;

@@ -166,7 +166,8 @@ struct Weighed {
 impl Weighed {
     #[inline(always)]
     fn is_above(self, ratio: f32) -> bool {
-        self.weight > ratio * self.room
+        // What is always to exceed does so even where that is no number any more.
+        self.weight > smaller(ratio * self.room, f32::MAX)
     }
 }
 

@@ -8,7 +8,8 @@
 //! | [`view`] | a camera looking at a model: the error of a node in pixels | the paper, 3.3.1 |
 //! | [`view_parameters`] | what counts in it: frustum, cones, silhouettes, light | 3.3.1 |
 //! | [`evaluation`] | the criterion, for nodes and for blocks of them | 3.3.1 |
-//! | `front` | the lists of active nodes and active triangles, split and collapse | 3.3.1 |
+//! | `front` | the lists of active nodes and active triangles, split and collapse, and the streams to draw | 3.3.1 |
+//! | `split_queue`, `collapse_queue`, `window` | in which order they change, with what is looked at fetched ahead | 3.3.1, 3.3.5 |
 //! | `dependency` | implicit dependency by ids | 3.3.5 |
 //! | `refine` | a split with all that it forces | 3.3.5 |
 //! | `pool` | the place holders: hash table, free list, second chance, never all in use | 3.3.2, 3.3.3 |

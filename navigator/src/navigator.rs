@@ -376,6 +376,7 @@ impl Navigator {
         self.frames_at_rest = if rests { self.frames_at_rest + 1 } else { 0 };
         statistics.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         statistics.cpu_ms = (thread_cpu_time() - cpu_start).as_secs_f64() * 1e3;
+        statistics.pixels_drawn = self.pixels_in(&view, threshold);
         let largest_switch = self.error_in(&view);
         let header = self.model.header();
         statistics.error_stated = sum_not_below(largest_switch, header.input_error);
@@ -773,6 +774,21 @@ impl Navigator {
                 let sphere = Sphere { position: [*x, *y, *z], radius: criteria.radius[place], switch, cone };
                 if switch > largest && view.can_see(&sphere) {
                     largest = switch;
+                }
+            }
+        }
+        largest
+    }
+
+    /// The threshold, or the largest error in pixels of an active node that can be in the picture, where that is above it.
+    fn pixels_in(&self, view: &View, threshold: f32) -> f32 {
+        let test = view.splits(threshold);
+        let mut largest = threshold;
+        for (first, (positions, criteria, _)) in (0_u32..).step_by(CHUNK).zip(self.front.blocks()) {
+            for place in bits(test.exceeding(positions, criteria)) {
+                let sphere = self.front.sphere(first + place);
+                if view.can_see(&sphere) {
+                    largest = largest.max(test.error(&sphere));
                 }
             }
         }

@@ -328,7 +328,8 @@ proptest! {
             prop_assert_eq!(statistics.misses + statistics.reads, 0);
             // But for what is read and how long it takes.
             let same = FrameStatistics {
-                reads: 0, bytes_read: 0, urgent: 0, second_chances: 0, prefetch_given_up: 0, frame_ms: 0.0, cpu_ms: 0.0,
+                reads: 0, bytes_read: 0, urgent: 0, second_chances: 0, prefetch_given_up: 0, prefetched: 0, prefetch_used: 0,
+                cancelled: 0, evicted: 0, evicted_wished: 0, evicted_untried: 0, frame_ms: 0.0, cpu_ms: 0.0,
                 ..of_place_holders
             };
             prop_assert_eq!(FrameStatistics { frame_ms: 0.0, cpu_ms: 0.0, ..statistics }, same);

@@ -29,6 +29,9 @@ pub struct FrameStatistics {
     pub postponed: u64,
     /// By how much the pixel threshold is raised at the moment because of such limits.
     pub threshold_factor: f32,
+    /// Largest error in pixels of an active node that can be in the picture, as it is drawn after this frame: the error allowed at
+    /// the moment, or more, where nodes wait for pages or for the next frame.
+    pub pixels_drawn: f32,
     /// Largest error of an active node that can be in the picture, in mesh units: its switch value and the input error. So
     /// far at most are the points of the input from a triangle that stands for them, whose corners can all be in the
     /// picture.
@@ -101,6 +104,7 @@ pub struct FlightSummary {
     pub postponed: u64,
     cpu_ms: f64,
     frame_ms: Vec<f64>,
+    pixels: Vec<f64>,
     /// Frames whose stated error is proven.
     guaranteed: u64,
     /// Pages read from disk.
@@ -147,6 +151,7 @@ impl FlightSummary {
         self.postponed += frame.postponed;
         self.cpu_ms += frame.cpu_ms;
         self.frame_ms.push(frame.frame_ms);
+        self.pixels.push(frame.pixels_drawn.into());
         self.reads += frame.reads;
         self.bytes_read += frame.bytes_read;
         self.second_chances += frame.second_chances;
@@ -198,10 +203,17 @@ impl FlightSummary {
 
     /// The wall time in milliseconds that `percent` of the frames did not exceed; 0 without frames.
     pub fn frame_ms_percentile(&self, percent: f64) -> f64 {
-        let mut times = self.frame_ms.clone();
-        times.sort_by(f64::total_cmp);
-        let rank = (percent / 100.0 * times.len() as f64).ceil() as usize;
-        times.get(rank.saturating_sub(1)).or(times.last()).copied().unwrap_or(0.0)
+        percentile(&self.frame_ms, percent)
+    }
+
+    /// The error in pixels that `percent` of the frames did not exceed, see [`FrameStatistics::pixels_drawn`]; 0 without frames.
+    pub fn pixels_percentile(&self, percent: f64) -> f64 {
+        percentile(&self.pixels, percent)
+    }
+
+    /// Share of the frames in which the error in pixels was within this, in percent.
+    pub fn within_pixels_percent(&self, most: f64) -> f64 {
+        100.0 * self.pixels.iter().filter(|pixels| **pixels <= most).count() as f64 / self.frames().max(1) as f64
     }
 
     /// Whether the stated error is a proven bound in every frame.
@@ -212,6 +224,14 @@ impl FlightSummary {
     fn mean(&self, sum: f64) -> f64 {
         sum / self.frames().max(1) as f64
     }
+}
+
+/// The value that `percent` of all do not exceed; 0 where there are none.
+fn percentile(values: &[f64], percent: f64) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let rank = (percent / 100.0 * sorted.len() as f64).ceil() as usize;
+    sorted.get(rank.saturating_sub(1)).or(sorted.last()).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]
@@ -233,6 +253,7 @@ mod tests {
                 error_stated: frame as f32,
                 guaranteed: frame > 0,
                 vanished_parts: 7 - frame.min(7),
+                pixels_drawn: 1.0 + frame as f32,
                 ..FrameStatistics::default()
             });
         }
@@ -245,5 +266,6 @@ mod tests {
         assert_eq!(summary.frame_ms_mean(), 50.5);
         assert_eq!((summary.error_stated, summary.vanished_parts), (99.0, 7));
         assert!(!summary.guaranteed());
+        assert_eq!((summary.pixels_percentile(50.0), summary.within_pixels_percent(90.0)), (50.0, 90.0));
     }
 }

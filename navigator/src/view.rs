@@ -39,7 +39,7 @@ const NEAREST: f64 = 1e-4;
 /// The least distance, in the unit of the view, of a model without a diagonal.
 const LEAST_NEAREST: f64 = 1e-12;
 /// An eye that is farther from the model's origin, in the unit of the view, counts as this far.
-const FARTHEST: f64 = (1 << 30) as f64;
+const FARTHEST: f64 = (1_u64 << 53) as f64;
 /// Of pictures with more pixels for a length at its distance, so many count.
 const MOST_SCALE: f64 = (1_u64 << 40) as f64;
 

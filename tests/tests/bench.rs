@@ -234,14 +234,14 @@ fn blockings_and_what_flights_read() {
     let place = place_with_meshes();
     let flight = "--path orbit:5 --pixels 0.3 --size 800x600 --frame-rate 0";
     let bench = format!(
-        "bench blocking ball.ply --scratch . --blocking levels:3..4 --blocking forest:4K..8K,4 {flight} --memory 400K"
+        "bench blocking ball.ply --scratch . --blocking levels:3..4 --blocking forest:4K..8K,4 {flight} --memory 800K"
     );
     let mut names = place.names();
     let document = place.json(&format!("{bench} --plot reads.svg"));
     names.insert("reads.svg".into());
     assert_eq!(place.names(), names);
     check_picture(&place, "reads.svg", &["ball.ply", "levels", "forest, fan-out 4", "place holder", "read in a frame"]);
-    assert_eq!((&document["path"], whole(&document, "memory_bytes")), (&"orbit:5".into(), 400 << 10));
+    assert_eq!((&document["path"], whole(&document, "memory_bytes")), (&"orbit:5".into(), 800 << 10));
     let rows = document["rows"].as_array().unwrap();
     let blockings: Vec<&str> = rows.iter().map(|row| row["blocking"].as_str().unwrap()).collect();
     assert_eq!(blockings, ["levels:3", "levels:4", "forest:4K,4", "forest:8K,4"]);
@@ -259,7 +259,7 @@ fn blockings_and_what_flights_read() {
         }
         assert!((float(row, "fill_mean") - float(&build, "meta_node_fill")).abs() < 1e-9);
         assert!(float(row, "pages_per_path_mean") <= whole(row, "pages_per_path_max") as f64);
-        for (key, memory) in [("in_budget", "400K"), ("all_in_ram", "1G")] {
+        for (key, memory) in [("in_budget", "800K"), ("all_in_ram", "1G")] {
             let found = &row[key];
             let options = format!("{flight} --memory {memory} --io sync --csv flight.csv --force");
             let flown = place.json(&format!("navigate ball.vdt {options}"));

@@ -142,7 +142,7 @@ fn read_csv(text: &str) -> (Vec<String>, Vec<Vec<f64>>) {
     (columns, rows)
 }
 
-const CSV_COLUMNS: [&str; 22] = [
+const CSV_COLUMNS: [&str; 32] = [
     "frame",
     "triangles",
     "vertices",
@@ -153,7 +153,9 @@ const CSV_COLUMNS: [&str; 22] = [
     "blocked",
     "forced",
     "over_budget",
+    "postponed",
     "threshold_factor",
+    "pixels_drawn",
     "error_stated",
     "guaranteed",
     "vanished_parts",
@@ -163,6 +165,14 @@ const CSV_COLUMNS: [&str; 22] = [
     "second_chances",
     "urgent",
     "prefetch_given_up",
+    "prefetched",
+    "prefetch_used",
+    "cancelled",
+    "evicted",
+    "evicted_wished",
+    "evicted_untried",
+    "retries",
+    "read_failures",
     "frame_ms",
     "cpu_ms",
 ];
@@ -244,7 +254,7 @@ fn options_of_a_flight() {
     let (columns, rows) = read_csv(&String::from_utf8(place.read("limited.csv")).unwrap());
     let most = columns.iter().position(|column| column == "triangles").unwrap();
     assert!(rows.iter().all(|row| row[most] <= 150.0) && rows.iter().any(|row| row[most] > 50.0));
-    let small = place.json("navigate ball.vdt --path orbit:30 --io sync --memory 500K");
+    let small = place.json("navigate ball.vdt --path orbit:30 --io sync --memory 800K");
     assert_eq!(small["budget_bytes"], 500 << 10);
     // At 100 frames a second, 30 frames are due within 0.29 seconds.
     let start = std::time::Instant::now();
