@@ -328,9 +328,8 @@ impl Navigator {
     fn frame_with(&mut self, camera: &Camera, max_adapts: Option<u64>) -> Result<FrameStatistics, NavigatorError> {
         let max_adapts = max_adapts.unwrap_or(u64::MAX);
         let (start, cpu_start) = (Instant::now(), thread_cpu_time());
-        let header = self.model.header();
         self.is_at_rest = false;
-        let view = View::new(camera, header, self.options.width, self.options.height, &self.options.view)?;
+        let view = self.view(camera)?;
         self.check_failure()?;
         self.paging.begin_frame();
         self.predictor.add(camera);
@@ -546,12 +545,18 @@ impl Navigator {
         self.options.dependency
     }
 
+    /// What this camera sees of the model.
+    pub(crate) fn view(&self, camera: &Camera) -> Result<View, CameraError> {
+        let NavigatorOptions { width, height, view, .. } = &self.options;
+        View::new(camera, self.model.header(), *width, *height, view)
+    }
+
     fn check_failure(&self) -> Result<(), NavigatorError> {
         self.paging.board().take_failure().map_or(Ok(()), |failure| Err(failure.into()))
     }
 
-    /// The error allowed at the moment, in pixels.
-    fn threshold(&self) -> f32 {
+    /// The error allowed at the moment, in pixels: what was asked for, or more because of limits.
+    pub fn threshold(&self) -> f32 {
         if self.threshold_factor > 1.0 {
             self.options.pixels.max(LEAST_RAISED_PIXELS) * self.threshold_factor
         } else {
@@ -585,8 +590,7 @@ impl Navigator {
     /// threshold where the camera will probably be, see [`prediction`](crate::prediction). A part of the front in each frame.
     fn wish_ahead(&mut self, now: &View, threshold: f32) -> Result<(), NavigatorError> {
         let Some(camera) = self.predictor.ahead(FRAMES_AHEAD).filter(|_| self.options.prefetch) else { return Ok(()) };
-        let NavigatorOptions { width, height, view, .. } = &self.options;
-        let then = View::new(&camera, self.model.header(), *width, *height, view)?;
+        let then = self.view(&camera)?;
         // The test for collapses has a wider frustum: a node beside the picture may be forced by one in it.
         let (for_wish, then, now) =
             (then.collapses(threshold * LEAST_WISH), then.splits(threshold), now.splits(threshold));

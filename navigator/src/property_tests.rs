@@ -16,7 +16,7 @@ use storage::{Disk, FaultyDisk, LocalDisk, MapAdvice, MemoryDisk};
 use vdt::tree::{NO_SPLIT, Tree};
 
 use crate::budget::plan_with;
-use crate::check::{check, check_cut};
+use crate::check::{Undone, check, check_cut, undone};
 use crate::evaluation::Test;
 use crate::testing::{self, Mesh, Random, SMALL_PAGES};
 use crate::view::{Sphere, View};
@@ -233,6 +233,7 @@ proptest! {
         navigator.run_until_settled(path.last().unwrap(), 2000).unwrap();
         prop_assert!(navigator.settled());
         check(&navigator).unwrap();
+        prop_assert_eq!(undone(&navigator, path.last().unwrap()).unwrap(), Undone::default());
         assert_is_mesh_of_cut(&navigator, &tree);
         // And stays there: no part of the front wishes for anything later.
         for _ in 0..6 {
