@@ -210,6 +210,32 @@ pub struct AppliedSplit {
 }
 
 /// A model being looked at.
+///
+/// # What a caller does
+///
+/// Once for each picture: [`Navigator::frame`] with the camera. Then either all triangles are read ([`Navigator::triangles`]), or
+/// copies of [`Navigator::vertex_stream`] and [`Navigator::triangle_stream`] are brought up to date, with what has changed since
+/// the last time ([`Navigator::changed_vertices`], [`Navigator::changed_triangles`]), and then [`Navigator::forget_changes`] is
+/// called. At first everything has changed. A copy has to follow the length of its stream, which rises and falls; ranges may reach
+/// beyond its end. `examples/buffers.rs` is that in 30 lines.
+///
+/// An error of a frame (a page cannot be read, however often it was tried; the camera cannot be) leaves the front as that of a
+/// cut: it may be drawn, and the next frame goes on from there.
+///
+/// # Threads
+///
+/// With [`Io::Thread`], as many threads as [`Navigator::io_threads`] tells are started when it is opened; they read and decode pages, and sleep
+/// while there is nothing to be read. They end when the navigator is dropped, which waits for the reads that they are at. With
+/// [`Io::Sync`] and with mapped pages there are none. All else happens in the caller's thread, within the calls; a navigator may
+/// be moved to another thread between them.
+///
+/// # Memory
+///
+/// The front, the queues, the place holders and the board are allocated when it is opened, in the size that the budget gives
+/// them, and never grow. A frame that reads no page allocates nothing. Who reads pages allocates some short lists with each go, and
+/// frees them; his buffers grow to the largest page that he meets. All of that is within [`Navigator::budget_bytes`], however long
+/// the flight is (`tests/allocations.rs` counts). Beyond it is, for a time, what [`Navigator::statement`] takes, and
+/// [`check`](crate::check), which is for tests.
 #[derive(Debug)]
 pub struct Navigator {
     model: Arc<Model>,

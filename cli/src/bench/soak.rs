@@ -95,17 +95,15 @@ struct Tally {
     settled: Vec<f64>,
     /// Stops at which it did not come to rest.
     unsettled: u64,
-    /// Stops at which the fresh picture was the same; at which it could not be compared, since the fresh navigator hit limits; and at
-    /// which the budget did not allow the error asked for.
+    /// Stops at which the fresh picture was the same; and at which it could not be compared, since the fresh navigator hit limits.
     equal: u64,
     incomparable: u64,
-    limited: u64,
     /// Nodes that were split in the fresh fronts; beyond these, in those flown; and those of them that were not.
     fresh_splits: u64,
     more_splits: u64,
     missing_splits: u64,
-    /// By how much the threshold of a limited stop was that of a fresh navigator: the least and the most.
-    factors: Option<[f32; 2]>,
+    /// By how much the threshold of each limited stop was that of a fresh navigator.
+    factors: Vec<f32>,
     /// Resident set, once a second.
     resident: Vec<u64>,
 }
@@ -128,6 +126,14 @@ impl Tally {
 
     fn settled_late(&self) -> usize {
         self.settled.iter().filter(|seconds| **seconds > TIME_TO_SETTLE).count()
+    }
+
+    /// The least, the mean and the most of the factors, if there are any.
+    fn threshold_ratios(&self) -> Option<[f32; 3]> {
+        let factors = self.factors.iter().copied();
+        let least = factors.clone().reduce(f32::min)?;
+        let (mean, most) = (factors.clone().sum::<f32>() / self.factors.len() as f32, factors.fold(least, f32::max));
+        Some([least, mean, most])
     }
 
     /// The resident set in the first and in the last tenth of the flight, on average.
@@ -328,6 +334,8 @@ impl Soak<'_> {
             self.tally.settled.push(start.elapsed().as_secs_f64());
             self.check();
             self.compare(camera)?;
+            // What the fresh navigator had is not to be seen in the memory of this one.
+            storage::usage::trim_freed_memory();
         } else {
             self.tally.unsettled += 1;
         }
@@ -341,10 +349,7 @@ impl Soak<'_> {
         let own = self.threshold_factor;
         let rest = self.fresh(camera, self.options.pixels)?;
         let rest = if own > 1.0 {
-            let [least, most] = self.tally.factors.unwrap_or([f32::INFINITY, 0.0]);
-            let ratio = own / rest.factor;
-            self.tally.factors = Some([least.min(ratio), most.max(ratio)]);
-            self.tally.limited += 1;
+            self.tally.factors.push(own / rest.factor);
             drop(rest);
             self.fresh(camera, self.navigator.threshold())?
         } else {
@@ -480,13 +485,14 @@ fn report(options: &SoakOptions, tally: &Tally, seconds: f64) -> Report {
             part(tally.missing_splits),
         ),
     );
-    if let Some([least, most]) = tally.factors {
-        let (limited, incomparable) = (counted(tally.limited, "stop", "stops"), tally.incomparable);
+    if let Some([least, mean, most]) = tally.threshold_ratios() {
         report.line(
             "limits",
             format!(
-                "{limited} with a threshold raised, {least:.2} to {most:.2} times as far as from a fresh start; {incomparable} not \
-                 compared"
+                "{} with a threshold raised, {least:.2} to {most:.2} times as far as from a fresh start, {mean:.2} on average; {} \
+                 not compared",
+                counted(tally.factors.len() as u64, "stop", "stops"),
+                tally.incomparable,
             ),
         );
     }
@@ -508,7 +514,7 @@ fn report(options: &SoakOptions, tally: &Tally, seconds: f64) -> Report {
 }
 
 fn to_json(options: &SoakOptions, tally: &Tally, seconds: f64) -> Value {
-    let ends = tally.resident_ends();
+    let (ends, ratios) = (tally.resident_ends(), tally.threshold_ratios());
     let frames = tally.frames.max(1) as f64;
     let mut document = json!({
         "machine": Machine::this().to_json(),
@@ -546,13 +552,14 @@ fn to_json(options: &SoakOptions, tally: &Tally, seconds: f64) -> Value {
         "stops_over_2_seconds": tally.settled_late(),
         "stops_unsettled": tally.unsettled,
         "stops_equal": tally.equal,
-        "stops_limited": tally.limited,
+        "stops_limited": tally.factors.len(),
         "stops_not_compared": tally.incomparable,
         "fresh_splits": tally.fresh_splits,
         "more_splits": tally.more_splits,
         "missing_splits": tally.missing_splits,
-        "threshold_ratio_min": tally.factors.map(|[least, _]| least),
-        "threshold_ratio_max": tally.factors.map(|[_, most]| most),
+        "threshold_ratio_min": ratios.map(|[least, _, _]| least),
+        "threshold_ratio_mean": ratios.map(|[_, mean, _]| mean),
+        "threshold_ratio_max": ratios.map(|[_, _, most]| most),
         "rss_first_bytes": ends.map(|[first, _]| first),
         "rss_last_bytes": ends.map(|[_, last]| last),
         "rss_growth_bytes": ends.map(|[first, last]| last as i64 - first as i64),
