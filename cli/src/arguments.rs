@@ -439,6 +439,20 @@ fn not_negative(text: &str) -> Result<f64, String> {
     }
 }
 
+fn positive_seconds(text: &str) -> Result<f64, String> {
+    not_negative(text)
+        .ok()
+        .filter(|value| (f64::MIN_POSITIVE..=1e9).contains(value))
+        .ok_or_else(|| format!("`{text}` is not a number of seconds above 0"))
+}
+
+fn percent(text: &str) -> Result<f64, String> {
+    not_negative(text)
+        .ok()
+        .filter(|value| *value <= 100.0)
+        .ok_or_else(|| format!("`{text}` is not a number from 0 to 100"))
+}
+
 /// How changes of neighbours depend on each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum DependencyName {
@@ -647,6 +661,58 @@ pub enum BenchCommand {
     Blocking(BlockingBenchOptions),
     /// How fast the meta-nodes of a model are decoded.
     Decode(DecodeBenchOptions),
+    /// A long random walk with a disk that fails now and then: whether everything holds that must.
+    Soak(SoakOptions),
+}
+
+/// `vdt bench soak`
+#[derive(Debug, Args)]
+#[command(
+    after_long_help = "The camera walks over the surface at random, jumps and stops. The invariants of front and place holders are \
+                       checked, the memory in use is measured, and at every stop the picture must come to rest, with nothing \
+                       left to be done, and be no coarser than that of a fresh start. Frames that cannot read a meta-node \
+                       return an error, are counted, and the flight goes on. Ends as failed where an invariant was broken. Ctrl-C \
+                       ends the walk and prints what it came to.\n\n\
+                       Examples:\n  vdt bench soak dragon.vdt --seconds 3600 --json\n  \
+                       vdt bench soak terrain.vdt --memory 128M --faults 5 --delay 50 --dependency none --frame-rate 0"
+)]
+pub struct SoakOptions {
+    /// A model.
+    #[arg(value_name = "MODEL.vdt")]
+    pub model: PathBuf,
+    /// For how long to walk, in seconds.
+    #[arg(long, default_value_t = 60.0, value_parser = positive_seconds)]
+    pub seconds: f64,
+    /// RAM for the walk, as for navigate; a fresh start takes as much again, for a moment at every stop.
+    #[arg(long, default_value = "16M")]
+    pub memory: ByteSize,
+    /// How many of all reads fail, in percent; as many are delayed, and as many bring a wrong bit.
+    #[arg(long, value_name = "PERCENT", default_value_t = 1.0, value_parser = percent)]
+    pub faults: f64,
+    /// By how much reads are delayed, in milliseconds.
+    #[arg(long, value_name = "MS", default_value_t = 20, value_parser = clap::value_parser!(u64).range(0..=60_000))]
+    pub delay: u64,
+    /// For how long all reads fail, with the first jump after each stop, in milliseconds.
+    #[arg(long, value_name = "MS", default_value_t = 100, value_parser = clap::value_parser!(u64).range(0..=60_000))]
+    pub outage: u64,
+    /// Which walk, and which faults.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// How changes of neighbours depend on each other.
+    #[arg(long, value_enum, default_value_t = DependencyName::Implicit)]
+    pub dependency: DependencyName,
+    /// Error to be seen at most, in pixels.
+    #[arg(long, default_value_t = 1.0, value_parser = positive)]
+    pub pixels: f32,
+    /// Size of the picture that the pixels are of.
+    #[arg(long, default_value = "1920x1080")]
+    pub size: PictureSize,
+    /// Frames a second that are begun, at most; 0: each as soon as the last one is done. (At stops always 60.)
+    #[arg(long, default_value_t = 60.0, value_parser = not_negative)]
+    pub frame_rate: f64,
+    /// With every so many frames the invariants are checked.
+    #[arg(long, value_name = "FRAMES", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..))]
+    pub check_every: u64,
 }
 
 /// `vdt bench decode`

@@ -76,8 +76,11 @@ fn message(error: &anyhow::Error) -> String {
 }
 
 /// On Ctrl-C or a request to terminate: an output that is not whole yet goes, its predecessor stays. A build that was
-/// started to be measured ends, too.
+/// started to be measured ends, too. A soak prints what it came to, unless it is told twice.
 fn stop() {
+    if bench::end_early() {
+        return;
+    }
     // Nothing is written any more before the bench's folder is removed.
     let _standstill = storage::remove_unfinished();
     let _ended = bench::end();

@@ -4,7 +4,8 @@
 use metanode::model::{Model, PageReader};
 use metanode::page::{Page, PageLocation, Target};
 
-use crate::dependency::Dependency;
+use crate::camera::{Camera, CameraError};
+use crate::dependency::{self, Dependency};
 use crate::front::{Front, NONE};
 use crate::navigator::Navigator;
 use crate::refine::want;
@@ -24,6 +25,39 @@ pub fn check(navigator: &Navigator) -> Result<(), String> {
         check_lives(navigator)?;
     }
     Ok(())
+}
+
+/// What a front leaves undone for a camera.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Undone {
+    /// Active nodes whose error is above the threshold.
+    pub splits: u64,
+    /// Nodes whose children are active and whose error is below the threshold, by the margin between the two tests, that no
+    /// dependency keeps from being restored.
+    pub collapses: u64,
+}
+
+/// What the front leaves undone for this camera, with the threshold that the navigator has come to, raised by limits or not. Of
+/// one that is settled there with it: nothing, but for nodes that it would take too long a chain of dependencies to split.
+///
+/// So its front lies between two cuts: all is split in it that a fresh navigator would have to split for that threshold, and
+/// nothing that the margin and the dependencies would not keep.
+pub fn undone(navigator: &Navigator, camera: &Camera) -> Result<Undone, CameraError> {
+    let view = navigator.view(camera)?;
+    let threshold = navigator.threshold();
+    let (for_split, for_collapse) = (view.splits(threshold), view.collapses(threshold));
+    let front = navigator.front();
+    let mut undone = Undone::default();
+    for vertex in front.vertices() {
+        undone.splits += u64::from(!front.is_leaf(vertex) && for_split.is_exceeded(&front.sphere(vertex)));
+        let born = front.last_born(vertex);
+        let is_wish =
+            born != NONE && front.is_collapsible(born) && !for_collapse.is_exceeded(&front.sphere_above(born));
+        let is_blocked =
+            || navigator.dependency() == Dependency::Implicit && dependency::collapse_is_blocked(front, born);
+        undone.collapses += u64::from(is_wish && !is_blocked());
+    }
+    Ok(undone)
 }
 
 /// All of that but for what pages below the front say, which are not read: what holds whatever the pages of a model are.

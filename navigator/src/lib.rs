@@ -5,6 +5,7 @@
 //! |---|---|---|
 //! | [`camera`] | a camera and its text form | |
 //! | [`path`] | camera paths: from a file, an orbit, a flight over the surface | |
+//! | [`walk`] | an endless random walk over the surface, with jumps and stops | |
 //! | [`view`] | a camera looking at a model: the error of a node in pixels | the paper, 3.3.1 |
 //! | [`view_parameters`] | what counts in it: frustum, cones, silhouettes, light | 3.3.1 |
 //! | [`evaluation`] | the criterion, for nodes and for blocks of them | 3.3.1 |
@@ -43,6 +44,7 @@ mod split_queue;
 pub mod statistics;
 pub mod view;
 pub mod view_parameters;
+pub mod walk;
 mod window;
 
 #[cfg(test)]
@@ -62,3 +64,4 @@ pub use path::PathSpec;
 pub use pool::Policy;
 pub use statistics::{FlightSummary, FrameStatistics};
 pub use view_parameters::{Light, ViewParameters, ViewParametersError};
+pub use walk::RandomWalk;

@@ -210,6 +210,32 @@ pub struct AppliedSplit {
 }
 
 /// A model being looked at.
+///
+/// # What a caller does
+///
+/// Once for each picture: [`Navigator::frame`] with the camera. Then either all triangles are read ([`Navigator::triangles`]), or
+/// copies of [`Navigator::vertex_stream`] and [`Navigator::triangle_stream`] are brought up to date, with what has changed since
+/// the last time ([`Navigator::changed_vertices`], [`Navigator::changed_triangles`]), and then [`Navigator::forget_changes`] is
+/// called. At first everything has changed. A copy has to follow the length of its stream, which rises and falls; ranges may reach
+/// beyond its end. `examples/buffers.rs` is that in 30 lines.
+///
+/// An error of a frame (a page cannot be read, however often it was tried; the camera cannot be) leaves the front as that of a
+/// cut: it may be drawn, and the next frame goes on from there.
+///
+/// # Threads
+///
+/// With [`Io::Thread`], as many threads as [`Navigator::io_threads`] tells are started when it is opened; they read and decode pages, and sleep
+/// while there is nothing to be read. They end when the navigator is dropped, which waits for the reads that they are at. With
+/// [`Io::Sync`] and with mapped pages there are none. All else happens in the caller's thread, within the calls; a navigator may
+/// be moved to another thread between them.
+///
+/// # Memory
+///
+/// The front, the queues, the place holders and the board are allocated when it is opened, in the size that the budget gives
+/// them, and never grow. A frame that reads no page allocates nothing. Who reads pages allocates some short lists with each go, and
+/// frees them; his buffers grow to the largest page that he meets. All of that is within [`Navigator::budget_bytes`], however long
+/// the flight is (`tests/allocations.rs` counts). Beyond it is, for a time, what [`Navigator::statement`] takes, and
+/// [`check`](crate::check), which is for tests.
 #[derive(Debug)]
 pub struct Navigator {
     model: Arc<Model>,
@@ -328,9 +354,8 @@ impl Navigator {
     fn frame_with(&mut self, camera: &Camera, max_adapts: Option<u64>) -> Result<FrameStatistics, NavigatorError> {
         let max_adapts = max_adapts.unwrap_or(u64::MAX);
         let (start, cpu_start) = (Instant::now(), thread_cpu_time());
-        let header = self.model.header();
         self.is_at_rest = false;
-        let view = View::new(camera, header, self.options.width, self.options.height, &self.options.view)?;
+        let view = self.view(camera)?;
         self.check_failure()?;
         self.paging.begin_frame();
         self.predictor.add(camera);
@@ -547,12 +572,18 @@ impl Navigator {
         self.options.dependency
     }
 
+    /// What this camera sees of the model.
+    pub(crate) fn view(&self, camera: &Camera) -> Result<View, CameraError> {
+        let NavigatorOptions { width, height, view, .. } = &self.options;
+        View::new(camera, self.model.header(), *width, *height, view)
+    }
+
     fn check_failure(&self) -> Result<(), NavigatorError> {
         self.paging.board().take_failure().map_or(Ok(()), |failure| Err(failure.into()))
     }
 
-    /// The error allowed at the moment, in pixels.
-    fn threshold(&self) -> f32 {
+    /// The error allowed at the moment, in pixels: what was asked for, or more because of limits.
+    pub fn threshold(&self) -> f32 {
         if self.threshold_factor > 1.0 {
             self.options.pixels.max(LEAST_RAISED_PIXELS) * self.threshold_factor
         } else {
@@ -586,8 +617,7 @@ impl Navigator {
     /// threshold where the camera will probably be, see [`prediction`](crate::prediction). A part of the front in each frame.
     fn wish_ahead(&mut self, now: &View, threshold: f32) -> Result<(), NavigatorError> {
         let Some(camera) = self.predictor.ahead(FRAMES_AHEAD).filter(|_| self.options.prefetch) else { return Ok(()) };
-        let NavigatorOptions { width, height, view, .. } = &self.options;
-        let then = View::new(&camera, self.model.header(), *width, *height, view)?;
+        let then = self.view(&camera)?;
         // The test for collapses has a wider frustum: a node beside the picture may be forced by one in it.
         let (for_wish, then, now) =
             (then.collapses(threshold * LEAST_WISH), then.splits(threshold), now.splits(threshold));

@@ -18,7 +18,7 @@ use thiserror::Error;
 use crate::camera::{Camera, CameraError};
 
 /// Vertical angle of view of the paths made here, in degrees.
-const FIELD_OF_VIEW: f64 = 60.0;
+pub(crate) const FIELD_OF_VIEW: f64 = 60.0;
 /// Distance of an orbit from the middle of the model, in diagonals of its bounding box.
 const ORBIT_DISTANCE: f64 = 1.5;
 /// Height of an orbit over the middle of the model, in degrees.
@@ -156,14 +156,15 @@ fn read(disk: &dyn Disk, path: &Path) -> Result<Vec<Camera>, PathError> {
 
 /// The box that a path goes around, in the coordinates of the input file.
 #[derive(Debug, Clone, Copy)]
-struct Bounds {
-    center: DVec3,
+pub(crate) struct Bounds {
+    /// Its middle.
+    pub(crate) center: DVec3,
     /// Length of the diagonal; 1 where the model has no extent.
-    diagonal: f64,
+    pub(crate) diagonal: f64,
 }
 
 impl Bounds {
-    fn of(model: &Model) -> Self {
+    pub(crate) fn of(model: &Model) -> Self {
         let header = model.header();
         let corner = |corner: [f32; 3]| DVec3::from_array(corner.map(f64::from));
         let diagonal = header.diagonal();
@@ -187,13 +188,15 @@ fn orbit(bounds: &Bounds, frames: u32) -> Vec<Camera> {
 
 /// A point of the surface with a direction that leads away from it.
 #[derive(Debug, Clone, Copy)]
-struct SurfacePoint {
-    position: DVec3,
-    away: Option<DVec3>,
+pub(crate) struct SurfacePoint {
+    /// The point.
+    pub(crate) position: DVec3,
+    /// Of unit length; `None` where no direction is known.
+    pub(crate) away: Option<DVec3>,
 }
 
 /// Points of the coarse surface: the roots, and the vertices that the splits in the root pages bear.
-fn surface_points(model: &Model) -> Result<Vec<SurfacePoint>, PathError> {
+pub(crate) fn surface_points(model: &Model) -> Result<Vec<SurfacePoint>, ModelError> {
     let origin = DVec3::from_array(model.header().origin);
     let point = |position: [f32; 3], cone: NormalCone| SurfacePoint {
         position: origin + DVec3::from_array(position.map(f64::from)),

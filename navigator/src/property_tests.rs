@@ -1,6 +1,7 @@
 //! The navigator as a whole: random trees, blockings, budgets and camera paths.
 
 use std::collections::HashSet;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,7 +17,7 @@ use storage::{Disk, FaultyDisk, LocalDisk, MapAdvice, MemoryDisk};
 use vdt::tree::{NO_SPLIT, Tree};
 
 use crate::budget::plan_with;
-use crate::check::{check, check_cut};
+use crate::check::{Undone, check, check_cut, undone};
 use crate::evaluation::Test;
 use crate::testing::{self, Mesh, Random, SMALL_PAGES};
 use crate::view::{Sphere, View};
@@ -233,6 +234,7 @@ proptest! {
         navigator.run_until_settled(path.last().unwrap(), 2000).unwrap();
         prop_assert!(navigator.settled());
         check(&navigator).unwrap();
+        prop_assert_eq!(undone(&navigator, path.last().unwrap()).unwrap(), Undone::default());
         assert_is_mesh_of_cut(&navigator, &tree);
         // And stays there: no part of the front wishes for anything later.
         for _ in 0..6 {
@@ -300,6 +302,44 @@ proptest! {
         }
     }
 
+    /// Who copies what has changed has what is there, as soon as it is copied, however many frames that were.
+    #[test]
+    fn copies_kept_up_to_date_are_the_streams(
+        tree in trees(),
+        cameras in cameras(),
+        dependency in dependencies(),
+        (pixels, max_adapts) in (0.3..6.0_f32, prop::option::of(10..400_u64)),
+        (gap, copied_every) in (0..200_u32, 1..4_usize),
+    ) {
+        let model = testing::model_of(&tree);
+        let options = NavigatorOptions { pixels, dependency, max_adapts, ..options() };
+        let mut navigator = Navigator::open(model.clone(), options).unwrap();
+        let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+        for (number, camera) in path(&model, &cameras).iter().enumerate() {
+            navigator.frame(camera).unwrap();
+            if number % copied_every > 0 {
+                continue;
+            }
+            update(&mut vertices, navigator.vertex_stream(), navigator.changed_vertices(gap));
+            update(&mut triangles, navigator.triangle_stream(), navigator.changed_triangles(gap));
+            navigator.forget_changes();
+            prop_assert!(navigator.changed_vertices(gap).next().is_none());
+            prop_assert!(navigator.changed_triangles(gap).next().is_none());
+            prop_assert_eq!(&triangles, navigator.triangle_stream());
+            for node in navigator.active_nodes() {
+                prop_assert_eq!(vertices[node.node as usize], navigator.vertex_stream()[node.node as usize]);
+                prop_assert_eq!(&vertices[node.node as usize][..3], &node.position);
+            }
+            let is_drawn = |corners: &&[u32; 3]| corners[0] != corners[1] && corners[1] != corners[2] && corners[2] != corners[0];
+            prop_assert!(triangles.iter().all(|corners| is_drawn(&corners) || *corners == [corners[0]; 3]));
+            let mut copied: Vec<_> = triangles.iter().filter(is_drawn).copied().collect();
+            let mut drawn: Vec<_> = navigator.triangles().map(|triangle| triangle.nodes).collect();
+            copied.sort_unstable();
+            drawn.sort_unstable();
+            prop_assert_eq!(copied, drawn);
+        }
+    }
+
     /// By virtual memory a flight is what it is with all pages in RAM.
     #[test]
     fn mapped_pages_draw_the_same(
@@ -328,8 +368,8 @@ proptest! {
             prop_assert_eq!(statistics.misses + statistics.reads, 0);
             // But for what is read and how long it takes.
             let same = FrameStatistics {
-                reads: 0, bytes_read: 0, urgent: 0, second_chances: 0, prefetch_given_up: 0, prefetched: 0, prefetch_used: 0,
-                cancelled: 0, evicted: 0, evicted_wished: 0, evicted_untried: 0, frame_ms: 0.0, cpu_ms: 0.0,
+                reads: 0, bytes_read: 0, urgent: 0, second_chances: 0, prefetch_given_up: 0, prefetched: 0,
+                prefetch_used: 0, cancelled: 0, evicted: 0, evicted_wished: 0, evicted_untried: 0, frame_ms: 0.0, cpu_ms: 0.0,
                 ..of_place_holders
             };
             prop_assert_eq!(FrameStatistics { frame_ms: 0.0, cpu_ms: 0.0, ..statistics }, same);
@@ -361,6 +401,17 @@ proptest! {
                 prop_assert!(message.starts_with("model.vdt: meta-node"), "{}", message);
             }
             check_cut(&navigator).unwrap();
+        }
+    }
+}
+
+/// Brings a copy of a stream up to date.
+fn update<T: Copy + Default>(copy: &mut Vec<T>, stream: &[T], changed: impl Iterator<Item = Range<u32>>) {
+    copy.resize(stream.len(), T::default());
+    for range in changed {
+        let (start, end) = (range.start as usize, (range.end as usize).min(stream.len()));
+        if start < end {
+            copy[start..end].copy_from_slice(&stream[start..end]);
         }
     }
 }

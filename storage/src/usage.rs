@@ -8,9 +8,18 @@ use std::time::Duration;
 /// From `VmHWM` of `/proc/self/status` where there is one: `getrusage` would hand a child process its parent's peak.
 /// `None` where the system does not tell.
 pub fn peak_resident_bytes() -> Option<u64> {
+    status_bytes("VmHWM:")
+}
+
+/// The resident set of this process at the moment, in bytes. `None` where the system does not tell.
+pub fn resident_bytes() -> Option<u64> {
+    status_bytes("VmRSS:")
+}
+
+fn status_bytes(name: &str) -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
-    let kilobytes: u64 = line.split_ascii_whitespace().nth(1)?.parse().ok()?;
+    let kilobytes: u64 =
+        status.lines().find_map(|line| line.strip_prefix(name))?.split_ascii_whitespace().next()?.parse().ok()?;
     Some(kilobytes * 1024)
 }
 
@@ -73,6 +82,9 @@ mod tests {
         let after = peak_resident_bytes().unwrap();
         assert!(block.iter().step_by(4096).all(|byte| *byte == 1));
         assert!(after >= before + (60 << 20), "{before} -> {after}");
+        let with_it = resident_bytes().unwrap();
+        drop(block);
+        assert!(resident_bytes().unwrap() + (60 << 20) <= with_it && with_it <= peak_resident_bytes().unwrap());
     }
 
     #[test]

@@ -9,6 +9,7 @@
 //! | [`error`], [`cuts`] | stated errors of cuts against measured ones |
 //! | [`blocking`], [`blockings`], [`flight`] | blockings: sizes, and what flights read |
 //! | [`decode`] | how fast pages are decoded |
+//! | [`soak`] | a long random walk with a disk that fails now and then |
 //! | [`child`] | builds and flights as processes of their own, in a temporary folder and in memory cgroups |
 //! | [`figures`] | what a build says of itself |
 //! | [`machine`] | on which machine it was measured |
@@ -27,6 +28,7 @@ mod io;
 mod machine;
 mod memory_share;
 mod plot;
+mod soak;
 mod strategy;
 mod table1;
 mod table2;
@@ -44,6 +46,7 @@ use crate::output::{may_write, write_text};
 pub use blockings::Blockings;
 pub use child::{Workshop, end};
 pub use memory_share::MemoryShare;
+pub use soak::end_early;
 pub use strategy::StrategyChoice;
 
 pub fn run(options: BenchOptions, json: bool) -> Result<()> {
@@ -54,6 +57,7 @@ pub fn run(options: BenchOptions, json: bool) -> Result<()> {
         BenchCommand::Error(options) => error::run(&options, json),
         BenchCommand::Blocking(options) => blocking::run(&options, json),
         BenchCommand::Decode(options) => decode::run(&options, json),
+        BenchCommand::Soak(options) => soak::run(&options, json),
     }
 }
 
