@@ -56,6 +56,8 @@ const SOME_ROOM: f64 = 0.85;
 const KEEP_OFF: f32 = 1.05;
 /// What the raised threshold is a multiple of, where less than this was asked for, in pixels.
 const LEAST_RAISED_PIXELS: f32 = 0.01;
+/// In how many frames a standing camera has what belongs to earlier views given up.
+const FRAMES_TO_CLEAR: u32 = 8;
 /// How many frames in which pages found no room count as a limit, while the camera stands still.
 const STARVED_FRAMES: u32 = 2 * HOLD_FRAMES;
 /// Most splits and collapses in a frame, if nothing else is said: they take 5 to 10 ms.
@@ -261,8 +263,15 @@ pub struct Navigator {
     /// Counts the frames, but for those in which the camera stands still and a page is missing: what was split for a
     /// node that waits for one is then kept, however many it needs one after the other.
     patience_clock: u16,
-    /// The camera of the last frame that hit a limit, and the threshold's factor in it.
+    /// The camera of the last frame that hit a limit when it had stood still for a while, and the threshold's factor in it.
     limited_at: Option<(Camera, f32)>,
+    /// With how many frames the camera has stood still.
+    frames_standing: u32,
+    /// The first vertex at which the next frame looks for collapses: where there were too many for the last one.
+    collapses_from: u32,
+    /// Whether anything has changed since the first vertices had their turn; and how many times in a row nothing had by the last.
+    turn_changed: bool,
+    turns_unchanged: u32,
     pool_counters: PoolCounters,
 }
 
@@ -339,6 +348,10 @@ impl Navigator {
             chain_waits: false,
             patience_clock: 0,
             limited_at: None,
+            frames_standing: 0,
+            collapses_from: 0,
+            turn_changed: false,
+            turns_unchanged: 0,
             pool_counters: PoolCounters::default(),
         })
     }
@@ -361,6 +374,10 @@ impl Navigator {
         self.predictor.add(camera);
         let stands_still = self.last_camera == Some(*camera);
         self.last_camera = Some(*camera);
+        self.frames_standing = if stands_still { self.frames_standing.saturating_add(1) } else { 0 };
+        if !stands_still {
+            self.turns_unchanged = 0;
+        }
         if !(stands_still && self.chain_waits) {
             self.patience_clock = self.patience_clock.wrapping_add(1);
         }
@@ -382,6 +399,9 @@ impl Navigator {
         self.front.close_gaps(GAPS_CLOSED);
 
         statistics.requests = statistics.splits + statistics.collapses + statistics.misses;
+        if statistics.splits + statistics.collapses > 0 {
+            (self.turn_changed, self.turns_unchanged) = (true, 0);
+        }
         statistics.triangles = self.front.triangle_count() as u64;
         statistics.vertices = self.front.vertex_count() as u64;
         statistics.pages_in_use = self.paging.in_use() as u64;
@@ -598,19 +618,38 @@ impl Navigator {
         split_queue.clear();
         collapse_queue.clear();
         let front = &self.front;
-        let mut waits = false;
+        let (mut waits, mut full_at) = (false, None);
+        let from = std::mem::take(&mut self.collapses_from);
         for (first, (positions, of_split, of_collapse)) in (0_u32..).step_by(CHUNK).zip(front.blocks()) {
             for place in bits(for_split.exceeding(positions, of_split)) {
                 split_queue.push(first + place, for_split.error(&front.sphere(first + place)) / threshold);
             }
+            if first < from || full_at.is_some() {
+                continue;
+            }
             for place in bits(!for_collapse.exceeding(positions, of_collapse)) {
                 let born = front.last_born(first + place);
-                waits |= front.collapse_is_deferred(born, self.patience_clock, PATIENCE)
-                    || !collapse_queue.add(front.id_above(born), born);
+                if front.collapse_is_deferred(born, self.patience_clock, PATIENCE) {
+                    waits = true;
+                } else if !collapse_queue.add(front.id_above(born), born) {
+                    full_at = Some(first);
+                    break;
+                }
             }
         }
         collapse_queue.sort();
-        waits
+        // Where there are too many, as many as are kept from it by their neighbours: the next frame goes on from there. When
+        // they have all had their turn and nothing has changed, nothing will.
+        self.collapses_from = full_at.unwrap_or(0);
+        if full_at.is_none() && from == 0 {
+            self.turn_changed = false;
+            return waits;
+        }
+        if full_at.is_none() {
+            self.turns_unchanged = if self.turn_changed { 0 } else { self.turns_unchanged.saturating_add(1) };
+            self.turn_changed = false;
+        }
+        waits || self.turns_unchanged == 0
     }
 
     /// Names the pages that will probably be needed by and by: those of the active nodes whose error will be near the
@@ -755,7 +794,10 @@ impl Navigator {
         let factor = self.threshold_factor;
         if hit_limit {
             self.threshold_factor = (factor * RAISE).min(MOST_RAISED);
-            self.limited_at = Some((*camera, factor));
+            // In the first frames after a move there is not yet the room that the last view gives up.
+            if self.frames_standing >= FRAMES_TO_CLEAR {
+                self.limited_at = Some((*camera, factor));
+            }
             return;
         }
         let use_of_limits = self.use_of_limits();

@@ -255,7 +255,7 @@ fn options_of_a_flight() {
     let most = columns.iter().position(|column| column == "triangles").unwrap();
     assert!(rows.iter().all(|row| row[most] <= 150.0) && rows.iter().any(|row| row[most] > 50.0));
     let small = place.json("navigate ball.vdt --path orbit:30 --io sync --memory 800K");
-    assert_eq!(small["budget_bytes"], 500 << 10);
+    assert_eq!(small["budget_bytes"], 800 << 10);
     // At 100 frames a second, 30 frames are due within 0.29 seconds.
     let start = std::time::Instant::now();
     place.json("navigate ball.vdt --path orbit:30 --frame-rate 100");
