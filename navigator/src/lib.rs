@@ -10,6 +10,7 @@
 //! | [`evaluation`] | the criterion, for nodes and for blocks of them | 3.3.1 |
 //! | `front` | the lists of active nodes and active triangles, split and collapse | 3.3.1 |
 //! | `dependency` | implicit dependency by ids | 3.3.5 |
+//! | `flip` | which triangles may be drawn the wrong way round | design, 5 |
 //! | `refine` | a split with all that it forces | 3.3.5 |
 //! | `pool` | the place holders: hash table, free list, second chance, never all in use | 3.3.2, 3.3.3 |
 //! | `board` | the command board | 3.3.4 |
@@ -30,6 +31,7 @@ pub mod check;
 mod collapse_queue;
 mod dependency;
 pub mod evaluation;
+mod flip;
 mod front;
 mod io_process;
 pub mod navigator;

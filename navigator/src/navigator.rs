@@ -30,6 +30,7 @@ use crate::budget::{self, Budget, BudgetError, SPARE_SLOTS};
 use crate::camera::{Camera, CameraError};
 use crate::collapse_queue::CollapseQueue;
 use crate::dependency::{self, Dependency};
+use crate::flip;
 use crate::front::{CHUNK, Capacity, Front, Misfit, NONE};
 use crate::io_process::Io;
 use crate::paging::{Paging, PagingOptions, SWEEP_FRAMES};
@@ -66,6 +67,9 @@ const GAPS_CLOSED: usize = 64;
 const FRAMES_AHEAD: f64 = 16.0;
 /// What part of the threshold the error of a node must be then.
 const LEAST_WISH: f32 = 0.7;
+/// What part of the threshold the error of a node must be for its split to be kept for the sake of a triangle that would be turned
+/// round. (Out of the picture a sixteenth of the error counts.) Two splits can each need the other: they would stay for ever.
+const RELEASED: f32 = 1.0 / 256.0;
 /// The step towards a split in which it is known where its page is.
 const FIRST_OF_PAGE: usize = 2;
 /// How long a navigator that is to settle waits for the I/O process at a time.
@@ -605,7 +609,13 @@ impl Navigator {
 
     fn collapse(&mut self, view: &View, threshold: f32, max_adapts: u64, statistics: &mut FrameStatistics) {
         let for_collapse = view.collapses(threshold);
-        let is_implicit = self.options.dependency == Dependency::Implicit;
+        let for_release = view.collapses(threshold * RELEASED);
+        let is_flip = self.options.dependency == Dependency::Flip;
+        let is_blocked = |front: &Front, born: u32| match self.options.dependency {
+            Dependency::Implicit => dependency::collapse_is_blocked(front, born),
+            Dependency::Flip => flip::collapse_is_blocked(front, born),
+            Dependency::None => false,
+        };
         // Splits may have half of what a frame can do, or all that collapses leave.
         let splits = self.split_queue.len() as u64;
         let most = max_adapts - splits.min(max_adapts / 2);
@@ -613,7 +623,8 @@ impl Navigator {
         while statistics.collapses < most
             && let Some(born) = self.collapse_queue.next(|born, step| front.prefetch_for_collapse(born, step))
         {
-            if is_implicit && dependency::collapse_is_blocked(front, born) {
+            let is_kept = || !is_flip || for_release.is_exceeded(&front.sphere_above(born));
+            if is_blocked(front, born) && is_kept() {
                 statistics.blocked += 1;
                 continue;
             }
@@ -680,6 +691,8 @@ impl Navigator {
             }
             statistics.splits += refinement.splits;
             statistics.forced += refinement.forced;
+            statistics.repaired += refinement.repaired;
+            statistics.unrepaired += refinement.unrepaired;
             match refinement.outcome {
                 Outcome::Split => (),
                 Outcome::Missing => {

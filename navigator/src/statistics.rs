@@ -23,6 +23,10 @@ pub struct FrameStatistics {
     pub blocked: u64,
     /// Splits of nodes that only a neighbour needed.
     pub forced: u64,
+    /// Triangles that a split turned round, or might have, until forced splits put them right.
+    pub repaired: u64,
+    /// Those that were left as they are, because too many splits would have been needed.
+    pub unrepaired: u64,
     /// Nodes that were to be split, but a limit was reached: nodes, triangles or place holders.
     pub over_budget: u64,
     /// Nodes that were to be split or collapsed, but the frame had made all the changes that one may make.
@@ -99,7 +103,15 @@ pub struct FlightSummary {
     requests: u64,
     /// Wishes that waited for the next frame because one may not make more changes.
     pub postponed: u64,
-    cpu_ms: f64,
+    /// Changes that dependencies did not allow.
+    pub blocked: u64,
+    /// Splits of nodes that only a neighbour needed.
+    pub forced: u64,
+    /// Triangles that forced splits put right; see [`FrameStatistics::repaired`].
+    pub repaired: u64,
+    /// Those that were left as they are; see [`FrameStatistics::unrepaired`].
+    pub unrepaired: u64,
+    cpu_ms: Vec<f64>,
     frame_ms: Vec<f64>,
     /// Frames whose stated error is proven.
     guaranteed: u64,
@@ -145,7 +157,11 @@ impl FlightSummary {
         self.misses += frame.misses;
         self.requests += frame.requests;
         self.postponed += frame.postponed;
-        self.cpu_ms += frame.cpu_ms;
+        self.blocked += frame.blocked;
+        self.forced += frame.forced;
+        self.repaired += frame.repaired;
+        self.unrepaired += frame.unrepaired;
+        self.cpu_ms.push(frame.cpu_ms);
         self.frame_ms.push(frame.frame_ms);
         self.reads += frame.reads;
         self.bytes_read += frame.bytes_read;
@@ -188,7 +204,7 @@ impl FlightSummary {
 
     /// CPU time of a frame in milliseconds, mean over the frames.
     pub fn cpu_ms_mean(&self) -> f64 {
-        self.mean(self.cpu_ms)
+        self.mean(self.cpu_ms.iter().sum())
     }
 
     /// Wall time of a frame in milliseconds, mean over the frames.
@@ -198,10 +214,12 @@ impl FlightSummary {
 
     /// The wall time in milliseconds that `percent` of the frames did not exceed; 0 without frames.
     pub fn frame_ms_percentile(&self, percent: f64) -> f64 {
-        let mut times = self.frame_ms.clone();
-        times.sort_by(f64::total_cmp);
-        let rank = (percent / 100.0 * times.len() as f64).ceil() as usize;
-        times.get(rank.saturating_sub(1)).or(times.last()).copied().unwrap_or(0.0)
+        percentile(&self.frame_ms, percent)
+    }
+
+    /// The same of the CPU time.
+    pub fn cpu_ms_percentile(&self, percent: f64) -> f64 {
+        percentile(&self.cpu_ms, percent)
     }
 
     /// Whether the stated error is a proven bound in every frame.
@@ -212,6 +230,14 @@ impl FlightSummary {
     fn mean(&self, sum: f64) -> f64 {
         sum / self.frames().max(1) as f64
     }
+}
+
+/// What `percent` of the times do not exceed; 0 without times.
+fn percentile(times: &[f64], percent: f64) -> f64 {
+    let mut times = times.to_vec();
+    times.sort_by(f64::total_cmp);
+    let rank = (percent / 100.0 * times.len() as f64).ceil() as usize;
+    times.get(rank.saturating_sub(1)).or(times.last()).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@
 //! | [`error`], [`cuts`] | stated errors of cuts against measured ones |
 //! | [`blocking`], [`blockings`], [`flight`] | blockings: sizes, and what flights read |
 //! | [`decode`] | how fast pages are decoded |
+//! | [`dependency`] | what the dependencies cost, and what they leave flipped |
 //! | [`child`] | builds and flights as processes of their own, in a temporary folder and in memory cgroups |
 //! | [`figures`] | what a build says of itself |
 //! | [`machine`] | on which machine it was measured |
@@ -20,6 +21,7 @@ mod blockings;
 mod child;
 mod cuts;
 mod decode;
+mod dependency;
 mod error;
 mod figures;
 mod flight;
@@ -54,6 +56,7 @@ pub fn run(options: BenchOptions, json: bool) -> Result<()> {
         BenchCommand::Error(options) => error::run(&options, json),
         BenchCommand::Blocking(options) => blocking::run(&options, json),
         BenchCommand::Decode(options) => decode::run(&options, json),
+        BenchCommand::Dependency(options) => dependency::run(&options, json),
     }
 }
 
