@@ -15,7 +15,7 @@ use crate::refine::want;
 /// - each corner of a triangle is under its node, the three nodes are distinct, and it is once in each one's star;
 /// - the triangles are those that the applied splits bear, each once; they are counted by their trees;
 /// - with implicit dependency, of the collapses that moved a corner of a triangle, those that are not undone come before those
-///   that are;
+///   that are (with `flip` nothing is proven of all triangles together, so nothing is checked);
 /// - the usage count of each place holder is the number of applied splits of its page; the pool's own counts and lists
 ///   fit to each other; the parent of each page that is there is there.
 pub fn check(navigator: &Navigator) -> Result<(), String> {
