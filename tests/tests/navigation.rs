@@ -323,7 +323,8 @@ proptest! {
         let options = NavigatorOptions { pixels: 1e-12, dependency, io, ..options() };
         let mut navigator = Navigator::open(model.clone(), options).unwrap();
         let near = camera(&model, [0.6, 0.7, 0.8], [0.0; 3]);
-        let far = camera(&model, [1e15, 1e15, 1e15], [0.0; 3]);
+        // So far that with `flip`, too, nothing is kept for the sake of a triangle.
+        let far = camera(&model, [1e18, 1e18, 1e18], [0.0; 3]);
         let at = |corner: u32| place(sample.core.positions[corner as usize]);
         let mut everything: Vec<_> = sample.core.triangles.iter().map(|t| smallest_first(t.map(at))).collect();
         everything.sort_unstable();
@@ -544,5 +545,5 @@ fn repairs_turn_triangles_the_right_way_round() {
         flipped
     };
     let (none, flip) = (flipped(Dependency::None), flipped(Dependency::Flip));
-    assert!(none > 100 && flip * 4 < none, "{flip} with repairs, {none} without");
+    assert!(none > 5 && flip * 4 < none, "{flip} with repairs, {none} without");
 }
