@@ -1,7 +1,7 @@
 //! The command line, with its help.
 
 use std::error::Error;
-use std::fmt::Display;
+use std::fmt::{self, Display};
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -11,7 +11,7 @@ use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use metanode::blocking::{ParseBlockingError, check_parameters};
 use metanode::header::{Blocking, ErrorBound, Metric, Strategy};
 use navigator::view_parameters::MOST_FINER;
-use navigator::{Light, PathSpec, ViewParameters};
+use navigator::{Dependency, Light, PathSpec, ViewParameters};
 use storage::{ByteSize, EdgeTreeKind, MapAdvice};
 use vdt::generate::{Shape, TRIANGLES};
 use vdt::ingest::PositionsRule;
@@ -458,8 +458,30 @@ fn percent(text: &str) -> Result<f64, String> {
 pub enum DependencyName {
     /// The paper's: by vertex ids, with forced splits. Every triangle is one that the construction went through.
     Implicit,
+    /// Every node for itself, but where a triangle would be turned round, nodes around it are split until it is not.
+    Flip,
     /// Every node for itself: fewer triangles, but the surface may fold over.
     None,
+}
+
+impl From<DependencyName> for Dependency {
+    fn from(name: DependencyName) -> Self {
+        match name {
+            DependencyName::Implicit => Dependency::Implicit,
+            DependencyName::Flip => Dependency::Flip,
+            DependencyName::None => Dependency::None,
+        }
+    }
+}
+
+impl Display for DependencyName {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.pad(match self {
+            DependencyName::Implicit => "implicit",
+            DependencyName::Flip => "flip",
+            DependencyName::None => "none",
+        })
+    }
 }
 
 /// How pages are read.
@@ -663,6 +685,8 @@ pub enum BenchCommand {
     Decode(DecodeBenchOptions),
     /// A long random walk with a disk that fails now and then: whether everything holds that must.
     Soak(SoakOptions),
+    /// Implicit dependency, flip and none: triangles, how many are flipped, and frame times.
+    Dependency(DependencyBenchOptions),
 }
 
 /// `vdt bench soak`
@@ -713,6 +737,36 @@ pub struct SoakOptions {
     /// With every so many frames the invariants are checked.
     #[arg(long, value_name = "FRAMES", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..))]
     pub check_every: u64,
+}
+
+/// `vdt bench dependency`
+#[derive(Debug, Args)]
+#[command(
+    after_long_help = "Each model is flown over with each dependency, with the same error. A triangle is flipped where its normal \
+                       is more than 90 degrees from that of the triangle of the mesh that it stands for.\n\n\
+                       Examples:\n  vdt bench dependency dragon.vdt\n  \
+                       vdt bench dependency dragon.vdt terrain.vdt --path orbit:300 --pixels 2 --json"
+)]
+pub struct DependencyBenchOptions {
+    /// Models.
+    #[arg(required = true, value_name = "MODEL.vdt")]
+    pub models: Vec<PathBuf>,
+    /// The camera path: orbit:FRAMES, flyby:FRAMES, or a file of cameras, as for navigate. It is flown twice; the second time
+    /// counts.
+    #[arg(long, default_value = "flyby:300")]
+    pub path: PathSpec,
+    /// Error to be seen at most, in pixels.
+    #[arg(long, default_value_t = 1.0, value_parser = positive)]
+    pub pixels: f32,
+    /// Size of the picture that the pixels are of.
+    #[arg(long, default_value = "1920x1080")]
+    pub size: PictureSize,
+    /// RAM for a flight, as for navigate.
+    #[arg(long, default_value = "2G")]
+    pub memory: ByteSize,
+    /// Flipped triangles are counted in every so many-th frame.
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub every: u32,
 }
 
 /// `vdt bench decode`

@@ -8,20 +8,19 @@ use anyhow::Result;
 use metanode::model::Model;
 use metanode::{DecodedFile, write_decoded};
 use navigator::{
-    Dependency, FlightSummary, FrameStatistics, Io, Light, Navigator, NavigatorOptions, PathSpec, Policy,
-    ViewParameters,
+    FlightSummary, FrameStatistics, Io, Light, Navigator, NavigatorOptions, PathSpec, Policy, ViewParameters,
 };
 use serde_json::{Value, json};
 use storage::{AtomicFile, ByteSize, DirectDisk, Disk, LocalDisk};
 
-use crate::arguments::{self, DependencyName, IoName, PolicyName};
+use crate::arguments::{self, IoName, PolicyName};
 use crate::bench::Workshop;
 use crate::output::{Report, bound, counted, grouped, length, may_write};
 use crate::progress::Progress;
 use crate::statement::why_not_guaranteed;
 
 /// The first line of the CSV file: the fields of [`FrameStatistics`].
-const CSV_HEADER: &str = "frame,triangles,vertices,splits,collapses,requests,misses,blocked,forced,over_budget,postponed,\
+const CSV_HEADER: &str = "frame,triangles,vertices,splits,collapses,requests,misses,blocked,forced,repaired,unrepaired,over_budget,postponed,\
 threshold_factor,pixels_drawn,error_stated,guaranteed,vanished_parts,pages_in_use,reads,bytes_read,second_chances,urgent,prefetch_given_up,\
 prefetched,prefetch_used,cancelled,evicted,evicted_wished,evicted_untried,retries,read_failures,frame_ms,cpu_ms\n";
 
@@ -74,10 +73,7 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
             silhouettes: options.silhouettes,
             light: options.light.map(|light| Light { direction: light.0.into(), highlights: options.highlights }),
         },
-        dependency: match options.dependency {
-            DependencyName::Implicit => Dependency::Implicit,
-            DependencyName::None => Dependency::None,
-        },
+        dependency: options.dependency.into(),
         max_triangles: options.max_triangles,
         max_adapts: (options.max_adapts > 0).then_some(options.max_adapts),
         io: match options.io {
@@ -186,6 +182,8 @@ fn csv_line(frame: &FrameStatistics) -> String {
         requests,
         blocked,
         forced,
+        repaired,
+        unrepaired,
         over_budget,
         postponed,
         threshold_factor,
@@ -211,7 +209,7 @@ fn csv_line(frame: &FrameStatistics) -> String {
         read_failures,
     } = frame;
     format!(
-        "{frame},{triangles},{vertices},{splits},{collapses},{requests},{misses},{blocked},{forced},{over_budget},{postponed},\
+        "{frame},{triangles},{vertices},{splits},{collapses},{requests},{misses},{blocked},{forced},{repaired},{unrepaired},{over_budget},{postponed},\
          {threshold_factor},{pixels_drawn},{error_stated},{},{vanished_parts},{pages_in_use},{reads},{bytes_read},{second_chances},{urgent},\
          {prefetch_given_up},{prefetched},{prefetch_used},{cancelled},{evicted},{evicted_wished},{evicted_untried},{retries},\
          {read_failures},{frame_ms:.3},{cpu_ms:.3}\n",
@@ -352,5 +350,12 @@ fn to_json(options: &arguments::NavigateOptions, flight: &Flight, model: &Model)
     if let (Value::Object(all), Value::Object(of_disk)) = (&mut frames, of_disk) {
         all.extend(of_disk);
     }
+    let by_dependency = [
+        ("blocked", summary.blocked),
+        ("forced", summary.forced),
+        ("repaired", summary.repaired),
+        ("unrepaired", summary.unrepaired),
+    ];
+    by_dependency.into_iter().for_each(|(name, count)| frames[name] = count.into());
     frames
 }

@@ -5,7 +5,7 @@ use metanode::model::{Model, PageReader};
 use metanode::page::{Page, PageLocation, Target};
 
 use crate::camera::{Camera, CameraError};
-use crate::dependency::{self, Dependency};
+use crate::dependency::Dependency;
 use crate::front::{Front, NONE};
 use crate::navigator::Navigator;
 use crate::refine::want;
@@ -16,7 +16,7 @@ use crate::refine::want;
 /// - each corner of a triangle is under its node, the three nodes are distinct, and it is once in each one's star;
 /// - the triangles are those that the applied splits bear, each once; they are counted by their trees;
 /// - with implicit dependency, of the collapses that moved a corner of a triangle, those that are not undone come before those
-///   that are;
+///   that are (with `flip` nothing is proven of all triangles together, so nothing is checked);
 /// - the usage count of each place holder is the number of applied splits of its page; the pool's own counts and lists
 ///   fit to each other; the parent of each page that is there is there.
 pub fn check(navigator: &Navigator) -> Result<(), String> {
@@ -46,6 +46,7 @@ pub fn undone(navigator: &Navigator, camera: &Camera) -> Result<Undone, CameraEr
     let view = navigator.view(camera)?;
     let threshold = navigator.threshold();
     let (for_split, for_collapse) = (view.splits(threshold), view.collapses(threshold));
+    let is_kept = navigator.keeps_splits(&view, threshold);
     let front = navigator.front();
     let mut undone = Undone::default();
     for vertex in front.vertices() {
@@ -53,9 +54,7 @@ pub fn undone(navigator: &Navigator, camera: &Camera) -> Result<Undone, CameraEr
         let born = front.last_born(vertex);
         let is_wish =
             born != NONE && front.is_collapsible(born) && !for_collapse.is_exceeded(&front.sphere_above(born));
-        let is_blocked =
-            || navigator.dependency() == Dependency::Implicit && dependency::collapse_is_blocked(front, born);
-        undone.collapses += u64::from(is_wish && !is_blocked());
+        undone.collapses += u64::from(is_wish && !is_kept(front, born));
     }
     Ok(undone)
 }

@@ -12,6 +12,7 @@
 //! | `front` | the lists of active nodes and active triangles, split and collapse, and the streams to draw | 3.3.1 |
 //! | `split_queue`, `collapse_queue`, `window` | in which order they change, with what is looked at fetched ahead | 3.3.1, 3.3.5 |
 //! | `dependency` | implicit dependency by ids | 3.3.5 |
+//! | `flip` | which triangles may be drawn the wrong way round | design, 5 |
 //! | `refine` | a split with all that it forces | 3.3.5 |
 //! | `pool` | the place holders: hash table, free list, second chance, never all in use | 3.3.2, 3.3.3 |
 //! | `board` | the command board | 3.3.4 |
@@ -32,6 +33,7 @@ pub mod check;
 mod collapse_queue;
 mod dependency;
 pub mod evaluation;
+mod flip;
 mod front;
 mod io_process;
 pub mod navigator;

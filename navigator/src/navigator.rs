@@ -30,6 +30,7 @@ use crate::budget::{self, Budget, BudgetError, SPARE_SLOTS};
 use crate::camera::{Camera, CameraError};
 use crate::collapse_queue::CollapseQueue;
 use crate::dependency::{self, Dependency};
+use crate::flip;
 use crate::front::{CHUNK, Capacity, Front, Misfit, NONE};
 use crate::io_process::Io;
 use crate::paging::{Paging, PagingOptions, SWEEP_FRAMES};
@@ -68,6 +69,9 @@ const GAPS_CLOSED: usize = 64;
 const FRAMES_AHEAD: f64 = 16.0;
 /// What part of the threshold the error of a node must be then.
 const LEAST_WISH: f32 = 0.7;
+/// What part of the threshold the error of a node must be for its split to be kept for the sake of a triangle that would be turned
+/// round. (Out of the picture a sixteenth of the error counts.) Two splits can each need the other: they would stay for ever.
+const RELEASED: f32 = 1.0 / 256.0;
 /// The step towards a split in which it is known where its page is.
 const FIRST_OF_PAGE: usize = 2;
 /// How long a navigator that is to settle waits for the I/O process at a time.
@@ -673,9 +677,22 @@ impl Navigator {
         Ok(())
     }
 
+    /// Says of a split that can be undone, by the vertex that it bore, whether a dependency keeps it.
+    pub(crate) fn keeps_splits(&self, view: &View, threshold: f32) -> impl Fn(&Front, u32) -> bool + use<> {
+        let for_release = view.collapses(threshold * RELEASED);
+        let dependency = self.options.dependency;
+        move |front: &Front, born: u32| match dependency {
+            Dependency::Implicit => dependency::collapse_is_blocked(front, born),
+            Dependency::Flip => {
+                flip::collapse_is_blocked(front, born) && for_release.is_exceeded(&front.sphere_above(born))
+            }
+            Dependency::None => false,
+        }
+    }
+
     fn collapse(&mut self, view: &View, threshold: f32, max_adapts: u64, statistics: &mut FrameStatistics) {
         let for_collapse = view.collapses(threshold);
-        let is_implicit = self.options.dependency == Dependency::Implicit;
+        let is_kept = self.keeps_splits(view, threshold);
         // Splits may have half of what a frame can do, or all that collapses leave.
         let splits = self.split_queue.len() as u64;
         let most = max_adapts - splits.min(max_adapts / 2);
@@ -683,7 +700,7 @@ impl Navigator {
         while statistics.collapses < most
             && let Some(born) = self.collapse_queue.next(|born, step| front.prefetch_for_collapse(born, step))
         {
-            if is_implicit && dependency::collapse_is_blocked(front, born) {
+            if is_kept(front, born) {
                 statistics.blocked += 1;
                 continue;
             }
@@ -750,6 +767,8 @@ impl Navigator {
             }
             statistics.splits += refinement.splits;
             statistics.forced += refinement.forced;
+            statistics.repaired += refinement.repaired;
+            statistics.unrepaired += refinement.unrepaired;
             match refinement.outcome {
                 Outcome::Split => (),
                 Outcome::Missing => {

@@ -19,6 +19,7 @@ use vdt::tree::{NO_SPLIT, Tree};
 use crate::budget::plan_with;
 use crate::check::{Undone, check, check_cut, undone};
 use crate::evaluation::Test;
+use crate::flip::tests::{is_flipped, triangle_is_proven};
 use crate::testing::{self, Mesh, Random, SMALL_PAGES};
 use crate::view::{Sphere, View};
 use crate::{
@@ -186,7 +187,7 @@ fn policies() -> impl Strategy<Value = Policy> {
 }
 
 fn dependencies() -> impl Strategy<Value = Dependency> {
-    prop_oneof![Just(Dependency::Implicit), Just(Dependency::None)]
+    prop_oneof![Just(Dependency::Implicit), Just(Dependency::Flip), Just(Dependency::None)]
 }
 
 proptest! {
@@ -340,6 +341,34 @@ proptest! {
         }
     }
 
+    /// Nothing that a cone proves is flipped, by brute force; and without dependencies or with repairs, the wishes come true.
+    #[test]
+    fn what_cones_prove_is_not_flipped(
+        tree in trees(),
+        blocking in blockings(),
+        cameras in cameras(),
+        pixels in 0.3..6.0_f32,
+        dependency in prop_oneof![Just(Dependency::Flip), Just(Dependency::None)],
+    ) {
+        let disk = testing::disk_of(&tree, blocking);
+        let model = open(&disk);
+        let options = NavigatorOptions { pixels, dependency, ..options() };
+        let mut navigator = Navigator::open(model.clone(), options.clone()).unwrap();
+        let judged = testing::as_written(&tree, &model);
+        let original = |leaves: [u32; 3]| leaves.map(|leaf| tree.positions[leaf as usize]);
+        for camera in path(&model, &cameras) {
+            navigator.run_until_settled(&camera, 10_000).unwrap();
+            prop_assert!(navigator.settled());
+            for ((triangle, _), drawn) in navigator.front().triangles().zip(navigator.triangles()) {
+                let is_flipped = is_flipped(drawn.positions, original(drawn.source));
+                prop_assert!(!(is_flipped && triangle_is_proven(navigator.front(), triangle)), "{:?}", drawn);
+            }
+            let view = View::new(&camera, model.header(), options.width, options.height, &options.view).unwrap();
+            let found: HashSet<u32> = starts(&navigator).into_iter().collect();
+            prop_assert!(cut_by_criterion(&judged, &view.splits(pixels)).iter().all(|start| found.contains(start)));
+        }
+    }
+
     /// By virtual memory a flight is what it is with all pages in RAM.
     #[test]
     fn mapped_pages_draw_the_same(
@@ -454,7 +483,7 @@ fn alter(disk: &MemoryDisk, seed: u64) {
 
 #[test]
 fn everything_is_drawn_when_asked_for() {
-    for dependency in [Dependency::Implicit, Dependency::None] {
+    for dependency in [Dependency::Implicit, Dependency::Flip, Dependency::None] {
         for tree in [testing::sphere_tree(3, 5), testing::grid_tree(20, 20, 5), testing::triangle_tree()] {
             let options = NavigatorOptions { pixels: 0.0, dependency, ..options() };
             let mut navigator = navigator(&tree, &options);
@@ -469,7 +498,7 @@ fn everything_is_drawn_when_asked_for() {
 
 #[test]
 fn from_far_away_only_the_roots_are_left() {
-    for dependency in [Dependency::Implicit, Dependency::None] {
+    for dependency in [Dependency::Implicit, Dependency::Flip, Dependency::None] {
         let tree = Mesh::beside(vec![Mesh::sphere(3), Mesh::grid(20, 20, 1)]).into_tree(2, 10);
         let mut navigator = navigator(&tree, &NavigatorOptions { dependency, ..options() });
         let near = camera(navigator.model(), [0.3, 0.2, 0.3], [0.0; 3]);

@@ -4,6 +4,10 @@
 //! The nodes to be split form a stack: on top of a node the neighbour that blocks it, or a child that has to follow its
 //! parent's split at once. Ids rise strictly along a chain of blocking neighbours, so it ends.
 //!
+//! With [`Dependency::Flip`] it is a triangle that stands on top of the node whose split may have turned it round: the node at its
+//! corner that is split for it is chosen when its turn comes, if it still has to be repaired. Nodes come down to leaves, so
+//! that ends, too; but where [`REPAIR_LIMIT`] splits do not do, what was split for triangles is undone, and the wish stays alone.
+//!
 //! Nobody but the node at the bottom wished those splits. So if that one cannot be split in the end, the next frame
 //! would undo them all, the one after it begin again, and the picture would never come to rest. Hence:
 //! - Where a limit is reached, what was split for the wish is undone at once, the last one first, and the front is as
@@ -14,6 +18,7 @@
 //!   held.
 
 use crate::dependency::{self, Dependency};
+use crate::flip;
 use crate::front::{Front, Prepared};
 use crate::navigator::NavigatorError;
 use crate::paging::{Paging, Use, Want};
@@ -25,6 +30,8 @@ const CHAIN_LIMIT: usize = if cfg!(test) { 12 } else { 1024 };
 const STACK_LIMIT: usize = 2048;
 /// Most splits that can be undone. Those before stay, unless a child still has to follow; then the wish is given up.
 const LOG_LIMIT: usize = 8192;
+/// Most splits that are forced for a wish in order to repair triangles. Where they do not do, the wish is split without them.
+const REPAIR_LIMIT: u64 = 256;
 /// How many frames what was split for a node waits for a page that is missing.
 pub const PATIENCE: u16 = 4;
 /// Bytes that the chain takes.
@@ -54,6 +61,10 @@ pub struct Refinement {
     pub splits: u64,
     /// Those of them that the wish needed, but nobody wished.
     pub forced: u64,
+    /// Triangles that the splits turned round, or might have, and that are drawn the right way round after them.
+    pub repaired: u64,
+    /// Triangles that were left as they are, because too many splits would have been needed.
+    pub unrepaired: u64,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -61,8 +72,18 @@ struct Link {
     vertex: u32,
     /// That of the node at the vertex: once that node is split there is another one.
     id: u32,
-    /// Whether it is a child that has to follow its parent's split: before that, the front is not as it must be.
-    follows: bool,
+    kind: Kind,
+}
+
+/// What a link stands for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// The node that is wished to be split, or one that blocks another.
+    Node,
+    /// A child that has to follow its parent's split: before that, the front is not as it must be.
+    Child,
+    /// A triangle that has to be repaired, which is the same. It is named in place of a vertex, and there is no id.
+    Triangle,
 }
 
 /// A split that was applied.
@@ -125,11 +146,11 @@ impl Refiner<'_> {
     /// Splits the active node at the vertex `wish`, and before it what has to be. What was applied in the end, [`Refiner::born`]
     /// tells. Its error is so many times the threshold.
     pub fn split(&mut self, wish: u32, error: f32) -> Result<Refinement, NavigatorError> {
-        let wish = Link { vertex: wish, id: self.front.id(wish), follows: false };
+        let wish = Link { vertex: wish, id: self.front.id(wish), kind: Kind::Node };
         self.chain.stack.clear();
         self.chain.log.clear();
         self.chain.stack.push(wish);
-        let mut done = Refinement { outcome: Outcome::Split, splits: 0, forced: 0 };
+        let mut done = Refinement { outcome: Outcome::Split, splits: 0, forced: 0, repaired: 0, unrepaired: 0 };
         let mut is_cut = false;
         loop {
             let Some(link) = self.chain.stack.last().copied() else {
@@ -141,9 +162,14 @@ impl Refiner<'_> {
                 self.chain.stack.push(wish);
                 continue;
             };
-            if self.front.id(link.vertex) != link.id {
+            let Some(link) = self.still_due(link) else {
                 self.chain.stack.pop();
+                done.repaired += u64::from(link.kind == Kind::Triangle);
                 continue;
+            };
+            if link.kind == Kind::Triangle && done.forced >= REPAIR_LIMIT {
+                self.give_up_repair(&mut done);
+                return Ok(done);
             }
             let step =
                 if self.is_too_long() { Ok(Step::Impossible(Outcome::Blocked)) } else { self.step(link.vertex, error) };
@@ -152,24 +178,26 @@ impl Refiner<'_> {
                     done.splits += 1;
                     done.forced += u64::from(link.id != wish.id || link.vertex != wish.vertex);
                     self.chain.log.push(Done { born, is_wish: link.id == wish.id && link.vertex == wish.vertex });
-                    if self.dependency == Dependency::Implicit {
-                        self.follow_up([link.vertex, born]);
-                    } else {
-                        self.chain.stack.pop();
+                    match self.dependency {
+                        Dependency::Implicit => self.follow_up([link.vertex, born]),
+                        Dependency::Flip => self.repair([link.vertex, born]),
+                        Dependency::None => {
+                            self.chain.stack.pop();
+                        }
                     }
                 }
                 Ok(Step::After(neighbour)) => {
                     if self.chain.stack.len() >= CHAIN_LIMIT {
-                        self.chain.stack.retain(|link| link.follows);
+                        self.chain.stack.retain(|link| link.kind != Kind::Node);
                         is_cut = true;
                     }
                     let id = self.front.id(neighbour);
-                    self.chain.stack.push(Link { vertex: neighbour, id, follows: false });
+                    self.chain.stack.push(Link { vertex: neighbour, id, kind: Kind::Node });
                 }
                 Ok(Step::Impossible(outcome)) => {
                     if outcome != Outcome::Missing {
                         self.undo(&mut done, Hold::Keep);
-                    } else if self.chain.stack.iter().any(|link| link.follows) {
+                    } else if self.chain.stack.iter().any(|link| link.kind != Kind::Node) {
                         self.undo(&mut done, Hold::Renew);
                     } else {
                         let until = self.now.wrapping_add(PATIENCE);
@@ -186,6 +214,30 @@ impl Refiner<'_> {
         }
     }
 
+    /// What a link stands for now: the node of it, if that is active still; or the one that is to be split for a triangle, if it has
+    /// to be repaired still.
+    fn still_due(&self, link: Link) -> Option<Link> {
+        if link.kind != Kind::Triangle {
+            return (self.front.id(link.vertex) == link.id).then_some(link);
+        }
+        let is_due = flip::triangle_is_suspect(self.front, link.vertex);
+        let vertex = is_due.then(|| flip::vertex_to_split(self.front, link.vertex)).flatten()?;
+        Some(Link { vertex, id: self.front.id(vertex), ..link })
+    }
+
+    /// After the split of the topmost node: takes it off the stack, unless it stands for a triangle; and puts there those around
+    /// the children that have to be repaired. Where they are too many, the stack is so long that the wish is given up.
+    fn repair(&mut self, children: [u32; 2]) {
+        let (front, stack) = (&*self.front, &mut self.chain.stack);
+        stack.pop_if(|link| link.kind != Kind::Triangle);
+        for triangle in flip::suspects_at(front, children) {
+            let is_new = || stack.iter().all(|link| link.kind != Kind::Triangle || link.vertex != triangle);
+            if stack.len() < STACK_LIMIT && is_new() {
+                stack.push(Link { vertex: triangle, id: 0, kind: Kind::Triangle });
+            }
+        }
+    }
+
     /// The vertices that the splits applied for the last wish bore; of a very long chain only the last ones.
     pub fn born(&self) -> impl Iterator<Item = u32> + '_ {
         self.chain.log.iter().map(|split| split.born)
@@ -195,7 +247,7 @@ impl Refiner<'_> {
     fn is_too_long(&mut self) -> bool {
         let Chain { stack, log } = &mut self.chain;
         if log.len() >= LOG_LIMIT {
-            if stack.iter().any(|link| link.follows) {
+            if stack.iter().any(|link| link.kind != Kind::Node) {
                 return true;
             }
             log.clear();
@@ -244,23 +296,39 @@ impl Refiner<'_> {
         let stack = &mut self.chain.stack;
         // While a child is still to follow, so may be the children of any node: what it is too late for may be
         // anywhere around them. Else only the new triangles matter.
-        let look_around = stack.iter().any(|link| link.follows);
+        let look_around = stack.iter().any(|link| link.kind != Kind::Node);
         stack.pop();
         for (child, other) in [(kept, born), (born, kept)] {
             if dependency::is_late(self.front, self.paging, child, (!look_around).then_some(other)) {
-                stack.push(Link { vertex: child, id: self.front.id(child), follows: true });
+                stack.push(Link { vertex: child, id: self.front.id(child), kind: Kind::Child });
             }
         }
     }
 
+    /// Undoes what was split for triangles to be repaired, but not the wish itself.
+    fn give_up_repair(&mut self, done: &mut Refinement) {
+        let Some(wish) = self.chain.log.iter().find(|split| split.is_wish).copied() else { return };
+        self.undo_down_to(1, done, Hold::Keep);
+        let children = [self.front.kept(wish.born), wish.born];
+        done.unrepaired = flip::suspects_at(self.front, children).count() as u64;
+    }
+
     /// Undoes the splits in the log.
     fn undo(&mut self, done: &mut Refinement, hold: Hold) {
-        while let Some(Done { born, is_wish }) = self.chain.log.pop() {
+        self.undo_down_to(0, done, hold);
+    }
+
+    /// Undoes the splits in the log but for so many of the first.
+    fn undo_down_to(&mut self, first: usize, done: &mut Refinement, hold: Hold) {
+        while self.chain.log.len() > first
+            && let Some(Done { born, is_wish }) = self.chain.log.pop()
+        {
             let slot = self.front.slot(born);
             self.front.collapse(born, self.paging.page_number(slot));
             self.paging.end_use(slot, hold);
             done.splits -= 1;
             done.forced -= u64::from(!is_wish);
         }
+        done.repaired = 0;
     }
 }

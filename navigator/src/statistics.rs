@@ -23,6 +23,10 @@ pub struct FrameStatistics {
     pub blocked: u64,
     /// Splits of nodes that only a neighbour needed.
     pub forced: u64,
+    /// Triangles that a split turned round, or might have, until forced splits put them right.
+    pub repaired: u64,
+    /// Those that were left as they are, because too many splits would have been needed.
+    pub unrepaired: u64,
     /// Nodes that were to be split, but a limit was reached: nodes, triangles or place holders.
     pub over_budget: u64,
     /// Nodes that were to be split or collapsed, but the frame had made all the changes that one may make.
@@ -102,7 +106,15 @@ pub struct FlightSummary {
     requests: u64,
     /// Wishes that waited for the next frame because one may not make more changes.
     pub postponed: u64,
-    cpu_ms: f64,
+    /// Changes that dependencies did not allow.
+    pub blocked: u64,
+    /// Splits of nodes that only a neighbour needed.
+    pub forced: u64,
+    /// Triangles that forced splits put right; see [`FrameStatistics::repaired`].
+    pub repaired: u64,
+    /// Those that were left as they are; see [`FrameStatistics::unrepaired`].
+    pub unrepaired: u64,
+    cpu_ms: Vec<f64>,
     frame_ms: Vec<f64>,
     pixels: Vec<f64>,
     /// Frames whose stated error is proven.
@@ -149,7 +161,11 @@ impl FlightSummary {
         self.misses += frame.misses;
         self.requests += frame.requests;
         self.postponed += frame.postponed;
-        self.cpu_ms += frame.cpu_ms;
+        self.blocked += frame.blocked;
+        self.forced += frame.forced;
+        self.repaired += frame.repaired;
+        self.unrepaired += frame.unrepaired;
+        self.cpu_ms.push(frame.cpu_ms);
         self.frame_ms.push(frame.frame_ms);
         self.pixels.push(frame.pixels_drawn.into());
         self.reads += frame.reads;
@@ -193,7 +209,7 @@ impl FlightSummary {
 
     /// CPU time of a frame in milliseconds, mean over the frames.
     pub fn cpu_ms_mean(&self) -> f64 {
-        self.mean(self.cpu_ms)
+        self.mean(self.cpu_ms.iter().sum())
     }
 
     /// Wall time of a frame in milliseconds, mean over the frames.
@@ -214,6 +230,11 @@ impl FlightSummary {
     /// Share of the frames in which the error in pixels was within this, in percent.
     pub fn within_pixels_percent(&self, most: f64) -> f64 {
         100.0 * self.pixels.iter().filter(|pixels| **pixels <= most).count() as f64 / self.frames().max(1) as f64
+    }
+
+    /// The same of the CPU time.
+    pub fn cpu_ms_percentile(&self, percent: f64) -> f64 {
+        percentile(&self.cpu_ms, percent)
     }
 
     /// Whether the stated error is a proven bound in every frame.

@@ -530,6 +530,44 @@ fn the_examples_of_the_help_are_right() {
 }
 
 /// A build has begun to make files. (Looks at no more than it must: the build removes files, too.)
+/// Each dependency on each model: what is drawn, and how much of it is flipped, for people and for programs.
+#[test]
+fn dependencies_side_by_side() {
+    let place = workplace!();
+    place.write("ball.ply", ply(&sphere(5, 0.05, 3), Encoding::LittleEndian, Coordinates::Float));
+    place.write("box.ply", ply(&closed_box(), Encoding::Ascii, Coordinates::Double));
+    place.json("build ball.ply -o ball.vdt");
+    place.json("build box.ply -o box.vdt");
+    let bench = "bench dependency ball.vdt box.vdt --path orbit:20 --pixels 4 --memory 64M --every 2";
+    let names = place.names();
+    let document = place.json(bench);
+    assert_eq!(place.names(), names);
+    let rows = document["rows"].as_array().unwrap();
+    let keys: Vec<_> =
+        rows.iter().map(|row| (row["model"].as_str().unwrap(), row["dependency"].as_str().unwrap())).collect();
+    let expected = ["ball.vdt", "box.vdt"].map(|model| ["implicit", "flip", "none"].map(|name| (model, name)));
+    assert_eq!(keys, expected.as_flattened());
+    for row in rows {
+        assert_eq!((whole(row, "frames"), whole(row, "frames_looked_at")), (20, 10));
+        assert!(float(row, "flipped_mean") <= float(row, "triangles_mean"), "{row}");
+        assert!(float(row, "cpu_ms_p50") <= float(row, "cpu_ms_p99"), "{row}");
+        assert!(row["dependency"] != "implicit" || row["guaranteed"] == true, "{row}");
+    }
+    let [implicit, flip, none, ..] = rows.as_slice() else { panic!("{document}") };
+    assert!(float(implicit, "triangles_mean") > 100.0, "{document}");
+    assert!(float(none, "triangles_mean") <= float(flip, "triangles_mean"), "{document}");
+    assert!(float(flip, "flipped_mean") <= float(none, "flipped_mean"), "{document}");
+    for key in ["blocked_mean", "forced_mean", "repaired_mean", "unrepaired_mean"] {
+        assert_eq!(float(none, key), 0.0);
+    }
+    assert_eq!((float(implicit, "repaired_mean"), float(implicit, "unrepaired_mean")), (0.0, 0.0));
+    let text = place.run(bench).success();
+    for heading in ["model", "dependency", "flipped", "repaired", "median"] {
+        assert!(text.lines().next().unwrap().contains(heading), "no `{heading}` in {text}");
+    }
+    assert!(text.lines().nth(2).unwrap().contains("flip"), "{text}");
+}
+
 fn is_building(place: &Workplace) -> bool {
     let is_begun = |folder: PathBuf| {
         let places = ["build", "scratch"].map(|name| fs::read_dir(folder.join(name)));

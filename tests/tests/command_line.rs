@@ -142,7 +142,7 @@ fn read_csv(text: &str) -> (Vec<String>, Vec<Vec<f64>>) {
     (columns, rows)
 }
 
-const CSV_COLUMNS: [&str; 32] = [
+const CSV_COLUMNS: [&str; 34] = [
     "frame",
     "triangles",
     "vertices",
@@ -152,6 +152,8 @@ const CSV_COLUMNS: [&str; 32] = [
     "misses",
     "blocked",
     "forced",
+    "repaired",
+    "unrepaired",
     "over_budget",
     "postponed",
     "threshold_factor",

@@ -195,7 +195,7 @@ fn blockings() -> impl Strategy<Value = Blocking> {
 }
 
 fn dependencies() -> impl Strategy<Value = Dependency> {
-    prop_oneof![Just(Dependency::Implicit), Just(Dependency::None)]
+    prop_oneof![Just(Dependency::Implicit), Just(Dependency::Flip), Just(Dependency::None)]
 }
 
 fn io() -> impl Strategy<Value = Io> {
@@ -323,6 +323,7 @@ proptest! {
         let options = NavigatorOptions { pixels: 1e-12, dependency, io, ..options() };
         let mut navigator = Navigator::open(model.clone(), options).unwrap();
         let near = camera(&model, [0.6, 0.7, 0.8], [0.0; 3]);
+        // So far that with `flip`, too, nothing is kept for the sake of a triangle.
         let far = camera(&model, [1e15, 1e15, 1e15], [0.0; 3]);
         let at = |corner: u32| place(sample.core.positions[corner as usize]);
         let mut everything: Vec<_> = sample.core.triangles.iter().map(|t| smallest_first(t.map(at))).collect();
@@ -462,7 +463,7 @@ impl Disk for SlowDisk {
 fn a_fast_flight_over_a_slow_disk() {
     let sample = Sample::new(&sphere(5, 0.03, 12), Metric::Quadric, Order::Passes);
     let (tree, states) = (&sample.tree, sample.states());
-    for dependency in [Dependency::Implicit, Dependency::None] {
+    for dependency in [Dependency::Implicit, Dependency::Flip, Dependency::None] {
         let disk = sample.disk(Blocking::Forest { slot_bytes: 4096, fan_out: 4 });
         let model = open(&SlowDisk { disk, time: Duration::from_millis(1) });
         assert!(model.header().page_count > 40);
@@ -514,4 +515,35 @@ fn without_dependencies_triangles_are_drawn_that_never_were() {
     };
     assert_eq!(strange(Dependency::Implicit), 0);
     assert!(strange(Dependency::None) > 0);
+}
+
+/// By brute force: of the triangles that would be turned round against the input, repairs leave few.
+#[test]
+fn repairs_turn_triangles_the_right_way_round() {
+    let flipped = |dependency: Dependency| {
+        let mut flipped = 0;
+        for (seed, mesh) in [(5, sheet(40, 40, 0.8, 0, 5)), (12, sphere(5, 0.05, 12))] {
+            let sample = Sample::new(&mesh, Metric::Quadric, Order::Passes);
+            let model = open(&sample.disk(Blocking::default()));
+            let mut navigator = Navigator::open(model.clone(), NavigatorOptions { dependency, ..options() }).unwrap();
+            for step in 0..40 {
+                let (y, x) = (f64::from(step) * 0.3 + f64::from(seed)).sin_cos();
+                navigator.frame(&camera(&model, [0.6 * x, 0.6 * y, 0.2], [0.2 * y, 0.2 * x, 0.0])).unwrap();
+                let normal = |[a, b, c]: [[f32; 3]; 3]| {
+                    let [u, v] = [b, c].map(|to| [0, 1, 2].map(|axis| f64::from(to[axis]) - f64::from(a[axis])));
+                    [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+                };
+                flipped += navigator
+                    .triangles()
+                    .filter(|triangle| {
+                        let original = normal(triangle.source.map(|leaf| sample.tree.positions[leaf as usize]));
+                        normal(triangle.positions).iter().zip(original).map(|(a, b)| a * b).sum::<f64>() < 0.0
+                    })
+                    .count();
+            }
+        }
+        flipped
+    };
+    let (none, flip) = (flipped(Dependency::None), flipped(Dependency::Flip));
+    assert!(none > 5 && flip * 4 < none, "{flip} with repairs, {none} without");
 }

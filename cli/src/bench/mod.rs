@@ -10,6 +10,7 @@
 //! | [`blocking`], [`blockings`], [`flight`] | blockings: sizes, and what flights read |
 //! | [`decode`] | how fast pages are decoded |
 //! | [`soak`] | a long random walk with a disk that fails now and then |
+//! | [`dependency`] | what the dependencies cost, and what they leave flipped |
 //! | [`child`] | builds and flights as processes of their own, in a temporary folder and in memory cgroups |
 //! | [`figures`] | what a build says of itself |
 //! | [`machine`] | on which machine it was measured |
@@ -21,6 +22,7 @@ mod blockings;
 mod child;
 mod cuts;
 mod decode;
+mod dependency;
 mod error;
 mod figures;
 mod flight;
@@ -58,6 +60,7 @@ pub fn run(options: BenchOptions, json: bool) -> Result<()> {
         BenchCommand::Blocking(options) => blocking::run(&options, json),
         BenchCommand::Decode(options) => decode::run(&options, json),
         BenchCommand::Soak(options) => soak::run(&options, json),
+        BenchCommand::Dependency(options) => dependency::run(&options, json),
     }
 }
 

@@ -33,7 +33,7 @@ use anyhow::{Result, bail};
 use metanode::model::Model;
 use navigator::check::{Undone, check, undone};
 use navigator::walk::{RandomWalk, STEPS_PER_SECOND, Step};
-use navigator::{Camera, Dependency, Io, Navigator, NavigatorError, NavigatorOptions};
+use navigator::{Camera, Io, Navigator, NavigatorError, NavigatorOptions};
 use serde_json::{Value, json};
 use storage::{ByteSize, FaultyDisk, LocalDisk};
 
@@ -182,10 +182,7 @@ pub fn run(options: &SoakOptions, json: bool) -> Result<()> {
         pixels: options.pixels,
         width: options.size.width,
         height: options.size.height,
-        dependency: match options.dependency {
-            DependencyName::Implicit => Dependency::Implicit,
-            DependencyName::None => Dependency::None,
-        },
+        dependency: options.dependency.into(),
         ..NavigatorOptions::default()
     };
     let now = Instant::now();
