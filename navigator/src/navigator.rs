@@ -669,6 +669,9 @@ impl Navigator {
         for (chunk, ((positions, criteria, _), leads_out)) in blocks.skip(part).step_by(SWEEP_FRAMES) {
             for place in bits(for_wish.exceeding(positions, criteria) & leads_out) {
                 let vertex = (chunk * CHUNK) as u32 + place;
+                if self.paging.is_used(self.front.place(vertex).0) {
+                    continue;
+                }
                 let sphere = self.front.sphere(vertex);
                 let priority = prediction::priority(now.error(&sphere), then.error(&sphere), threshold);
                 self.paging.wish(&want(&self.front, vertex, priority));

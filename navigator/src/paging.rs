@@ -19,6 +19,7 @@
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
+use hashbrown::HashMap;
 use metanode::DecodedFile;
 use metanode::model::Model;
 use metanode::page::{Page, PageLocation};
@@ -35,10 +36,23 @@ pub const SWEEP_FRAMES: usize = 4;
 /// Most wishes.
 const WISH_LIMIT: usize = 1024;
 
+/// Bytes of an entry of the hash table of wishes, at the worst filling.
+const WANTED_BYTES: usize = 9 * 16 / 7;
 /// Bytes that wishes take for each place holder, at the most: there is a wish for two of them. Those of a frame, of the last ones,
 /// of all together, and on the board.
-pub const WISH_BYTES: usize =
-    size_of::<Want>() + ((2 * SWEEP_FRAMES + 1) * size_of::<Command>() + 2 * size_of::<u32>()).div_ceil(2);
+pub const WISH_BYTES: usize = size_of::<Want>()
+    + ((2 * SWEEP_FRAMES + 1) * size_of::<Command>() + 2 * size_of::<u32>()).div_ceil(2)
+    + 2 * WANTED_BYTES;
+
+/// Words with a bit for each page of a model.
+fn used_words(model: &Model) -> usize {
+    (model.header().page_count as usize).div_ceil(64)
+}
+
+/// Bytes of RAM that the bits take that tell which pages are in use.
+pub fn used_bytes(model: &Model) -> usize {
+    used_words(model) * size_of::<u64>()
+}
 
 /// Bytes of RAM for each page of a model in a mapped file, beside what the system keeps of the file.
 pub const MAPPED_PAGE_BYTES: usize = size_of::<Arc<Page>>() + 2 * size_of::<u32>();
@@ -113,7 +127,11 @@ pub struct Paging {
     page_of_slot: Vec<u32>,
     usage: Vec<u32>,
     wish_limit: usize,
-    /// What was wished in this frame, and in the last ones; all of that together; and the pages of the last prefetch list, with
+    /// A bit for each page of the model: whether it is in use.
+    is_used: Vec<u64>,
+    /// Where in `wants` each page is.
+    wanted: HashMap<u32, u32>,
+    /// What was wished in this frame, each page once, and in the last ones; all of that together; and the pages of the last prefetch list, with
     /// the pool's version by then.
     wants: Vec<Want>,
     wishes: [Vec<Command>; SWEEP_FRAMES],
@@ -161,6 +179,8 @@ impl Paging {
             page_of_slot: vec![NONE; slots],
             usage: vec![0; slots],
             wish_limit,
+            is_used: vec![0; used_words(&model)],
+            wanted: HashMap::with_capacity(2 * wish_limit),
             wants: Vec::with_capacity(2 * wish_limit),
             wishes: std::array::from_fn(|_| Vec::with_capacity(wish_limit)),
             merged: Vec::with_capacity(SWEEP_FRAMES * wish_limit),
@@ -197,6 +217,8 @@ impl Paging {
             usage: vec![0; count],
             pool,
             wish_limit: 0,
+            is_used: Vec::new(),
+            wanted: HashMap::new(),
             wants: Vec::new(),
             wishes: std::array::from_fn(|_| Vec::new()),
             merged: Vec::new(),
@@ -274,6 +296,7 @@ impl Paging {
         self.count_cancelled(stale);
         self.frame += 1;
         self.wants.clear();
+        self.wanted.clear();
     }
 
     fn count_cancelled(&self, count: u64) {
@@ -321,6 +344,9 @@ impl Paging {
                 if let Some(fresh) = fresh {
                     self.pages[slot as usize] = fresh;
                     self.page_of_slot[slot as usize] = page;
+                    if let Some(word) = self.is_used.get_mut(page as usize / 64) {
+                        *word |= 1 << (page % 64);
+                    }
                 }
                 self.usage[slot as usize] += 1;
                 Use::Granted { slot }
@@ -345,7 +371,10 @@ impl Paging {
         let usage = &mut self.usage[slot as usize];
         *usage -= 1;
         if *usage == 0 {
-            self.page_of_slot[slot as usize] = NONE;
+            let page = std::mem::replace(&mut self.page_of_slot[slot as usize], NONE);
+            if let Some(word) = self.is_used.get_mut(page as usize / 64) {
+                *word &= !(1 << (page % 64));
+            }
             self.pages[slot as usize] = self.pool.nothing().clone();
             if !matches!(self.executor, Executor::Nobody(_)) {
                 self.pool.stop_using(slot, hold);
@@ -353,26 +382,40 @@ impl Paging {
         }
     }
 
-    /// The page that the split of this node is in will probably be needed soon.
+    /// Whether a page is in use.
+    #[inline]
+    pub fn is_used(&self, page: u32) -> bool {
+        self.is_used.get(page as usize / 64).is_some_and(|word| word >> (page % 64) & 1 == 1)
+    }
+
+    /// The page that the split of this node is in will probably be needed soon. No effect where it is in use.
     pub fn wish(&mut self, want: &Want) {
-        let is_in_use = want.parent_slot != NONE && self.page_number(want.parent_slot) == want.page;
-        if !self.prefetch || is_in_use {
+        if !self.prefetch || self.is_used(want.page) {
+            return;
+        }
+        if let Some(index) = self.wanted.get(&want.page) {
+            let wanted = &mut self.wants[*index as usize];
+            if want.error > wanted.error {
+                *wanted = *want;
+            }
             return;
         }
         if self.wants.len() == self.wants.capacity() {
-            self.merge_wants();
+            self.limit_wants();
+            self.wanted.clear();
+            self.wanted.extend(self.wants.iter().map(|want| want.page).zip(0..));
         }
+        self.wanted.insert(want.page, self.wants.len() as u32);
         self.wants.push(*want);
     }
 
-    /// Leaves of what was wished in this frame each page once, and the strongest of them.
-    fn merge_wants(&mut self) {
-        let wants = &mut self.wants;
-        wants.sort_unstable_by(|one, other| one.page.cmp(&other.page).then(other.error.total_cmp(&one.error)));
-        wants.dedup_by_key(|want| want.page);
-        if wants.len() > self.wish_limit {
-            wants.sort_unstable_by(|one, other| other.error.total_cmp(&one.error));
-            wants.truncate(self.wish_limit);
+    /// Leaves of what was wished in this frame the strongest.
+    fn limit_wants(&mut self) {
+        if self.wants.len() > self.wish_limit {
+            let strongest_first =
+                |one: &Want, other: &Want| other.error.total_cmp(&one.error).then(one.page.cmp(&other.page));
+            self.wants.select_nth_unstable_by(self.wish_limit, strongest_first);
+            self.wants.truncate(self.wish_limit);
         }
     }
 
@@ -382,7 +425,7 @@ impl Paging {
         if !self.prefetch {
             return false;
         }
-        self.merge_wants();
+        self.limit_wants();
         let mut wishes = std::mem::take(&mut self.wishes[self.frame % SWEEP_FRAMES]);
         wishes.clear();
         wishes.extend(self.wants.iter().map(|want| Command {
