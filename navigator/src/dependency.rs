@@ -34,7 +34,7 @@ pub enum Dependency {
     #[default]
     Implicit,
     /// By what is drawn: each node by its own error; but where a triangle would be turned round, nodes around it are split until
-    /// it is not, see [`crate::flip`]. Always a mesh of a cut, without cracks.
+    /// it is not, see `flip`. Always a mesh of a cut, without cracks.
     Flip,
     /// Not at all: each node by its own error. Always a mesh of a cut, without cracks; but it may fold over.
     None,
