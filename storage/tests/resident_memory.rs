@@ -13,5 +13,7 @@ fn the_peak_rises_with_what_is_touched() {
     assert!(after >= before + (60 << 20), "{before} -> {after}");
     let with_it = resident_bytes().unwrap();
     drop(block);
-    assert!(resident_bytes().unwrap() + (60 << 20) <= with_it && with_it <= peak_resident_bytes().unwrap());
+    // The system counts pages in lots.
+    assert!(resident_bytes().unwrap() + (60 << 20) <= with_it);
+    assert!(with_it <= peak_resident_bytes().unwrap() + (1 << 20));
 }
