@@ -320,7 +320,7 @@ proptest! {
         let sample = Sample::new(&mesh, metric, order);
         let tree = &sample.tree;
         let model = open(&sample.disk(blocking));
-        let options = NavigatorOptions { pixels: 1e-12, dependency, io, ..options() };
+        let options = NavigatorOptions { pixels: 1e-9, dependency, io, ..options() };
         let mut navigator = Navigator::open(model.clone(), options).unwrap();
         let near = camera(&model, [0.6, 0.7, 0.8], [0.0; 3]);
         // So far that with `flip`, too, nothing is kept for the sake of a triangle.
