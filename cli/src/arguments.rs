@@ -507,6 +507,17 @@ pub enum PolicyName {
     None,
 }
 
+/// What is asked of the pictures of a flight.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct PictureOptions {
+    /// Error to be seen at most, in pixels.
+    #[arg(long, default_value_t = 1.0, value_parser = positive)]
+    pub pixels: f32,
+    /// Size of the picture that the pixels are of.
+    #[arg(long, default_value = "1920x1080")]
+    pub size: PictureSize,
+}
+
 /// `vdt navigate`
 #[derive(Debug, Args)]
 #[command(after_long_help = "Examples:\n  vdt navigate bunny.vdt --path flyby:200\n  \
@@ -526,12 +537,9 @@ pub struct NavigateOptions {
     /// RAM for everything that grows with the model: place holders, front, triangles.
     #[arg(long, default_value = "16M")]
     pub memory: ByteSize,
-    /// Error to be seen at most, in pixels.
-    #[arg(long, default_value_t = 1.0, value_parser = positive)]
-    pub pixels: f32,
-    /// Size of the picture that the pixels are of.
-    #[arg(long, default_value = "1920x1080")]
-    pub size: PictureSize,
+    /// What is asked of the pictures.
+    #[command(flatten)]
+    pub picture: PictureOptions,
     /// Draw what is outside the picture as finely as what is in it. Without this, a sixteenth of its error counts from about
     /// 3 degrees outside on, more at the border.
     #[arg(long)]
@@ -725,12 +733,9 @@ pub struct SoakOptions {
     /// How changes of neighbours depend on each other.
     #[arg(long, value_enum, default_value_t = DependencyName::Implicit)]
     pub dependency: DependencyName,
-    /// Error to be seen at most, in pixels.
-    #[arg(long, default_value_t = 1.0, value_parser = positive)]
-    pub pixels: f32,
-    /// Size of the picture that the pixels are of.
-    #[arg(long, default_value = "1920x1080")]
-    pub size: PictureSize,
+    /// What is asked of the pictures.
+    #[command(flatten)]
+    pub picture: PictureOptions,
     /// Frames a second that are begun, at most; 0: each as soon as the last one is done. (At stops always 60.)
     #[arg(long, default_value_t = 60.0, value_parser = not_negative)]
     pub frame_rate: f64,
@@ -755,12 +760,9 @@ pub struct DependencyBenchOptions {
     /// counts.
     #[arg(long, default_value = "flyby:300")]
     pub path: PathSpec,
-    /// Error to be seen at most, in pixels.
-    #[arg(long, default_value_t = 1.0, value_parser = positive)]
-    pub pixels: f32,
-    /// Size of the picture that the pixels are of.
-    #[arg(long, default_value = "1920x1080")]
-    pub size: PictureSize,
+    /// What is asked of the pictures.
+    #[command(flatten)]
+    pub picture: PictureOptions,
     /// RAM for a flight, as for navigate.
     #[arg(long, default_value = "2G")]
     pub memory: ByteSize,
@@ -853,12 +855,9 @@ pub struct Table2Options {
     /// less than the smallest that works.
     #[arg(long, value_delimiter = ',', default_value = "1/8,1/4,1/2,1")]
     pub memory: Vec<MemoryShare>,
-    /// Error to be seen at most, in pixels.
-    #[arg(long, default_value_t = 1.0, value_parser = positive)]
-    pub pixels: f32,
-    /// Size of the picture that the pixels are of.
-    #[arg(long, default_value = "1920x1080")]
-    pub size: PictureSize,
+    /// What is asked of the pictures.
+    #[command(flatten)]
+    pub picture: PictureOptions,
     /// Frames a second that are begun, at most; 0: each as soon as the last one is done.
     #[arg(long, default_value_t = 60.0, value_parser = not_negative)]
     pub frame_rate: f64,
@@ -960,12 +959,9 @@ pub struct BlockingBenchOptions {
     /// RAM for a flight, as for navigate.
     #[arg(long, default_value = "16M")]
     pub memory: ByteSize,
-    /// Error to be seen at most, in pixels.
-    #[arg(long, default_value_t = 1.0, value_parser = positive)]
-    pub pixels: f32,
-    /// Size of the picture that the pixels are of.
-    #[arg(long, default_value = "1920x1080")]
-    pub size: PictureSize,
+    /// What is asked of the pictures.
+    #[command(flatten)]
+    pub picture: PictureOptions,
     /// Frames a second of the flight in time; 0: each as soon as the last one is done.
     #[arg(long, default_value_t = 60.0, value_parser = not_negative)]
     pub frame_rate: f64,

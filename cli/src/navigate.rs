@@ -8,7 +8,8 @@ use anyhow::Result;
 use metanode::model::Model;
 use metanode::{DecodedFile, write_decoded};
 use navigator::{
-    FlightSummary, FrameStatistics, Io, Light, Navigator, NavigatorOptions, PathSpec, Policy, ViewParameters,
+    FlightSummary, FrameStatistics, Io, Light, Navigator, NavigatorOptions, PathSpec, Policy, PoolCounters,
+    ViewParameters,
 };
 use serde_json::{Value, json};
 use storage::{AtomicFile, ByteSize, DirectDisk, Disk, LocalDisk};
@@ -64,9 +65,9 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
     let cameras = options.path.cameras(disk.as_ref(), &model)?;
     let navigator_options = NavigatorOptions {
         memory: options.memory.0,
-        pixels: options.pixels,
-        width: options.size.width,
-        height: options.size.height,
+        pixels: options.picture.pixels,
+        width: options.picture.size.width,
+        height: options.picture.size.height,
         view: ViewParameters {
             frustum: !options.no_frustum,
             cones: !options.no_cones,
@@ -194,20 +195,24 @@ fn csv_line(frame: &FrameStatistics) -> String {
         pages_in_use,
         frame_ms,
         cpu_ms,
+        pool,
+    } = frame;
+    let PoolCounters {
         reads,
         bytes_read,
         second_chances,
         urgent,
-        prefetch_given_up,
         prefetched,
         prefetch_used,
+        prefetch_given_up,
         cancelled,
         evicted,
         evicted_wished,
         evicted_untried,
         retries,
         read_failures,
-    } = frame;
+        starved: _,
+    } = pool;
     format!(
         "{frame},{triangles},{vertices},{splits},{collapses},{requests},{misses},{blocked},{forced},{repaired},{unrepaired},{over_budget},{postponed},\
          {threshold_factor},{pixels_drawn},{error_stated},{},{vanished_parts},{pages_in_use},{reads},{bytes_read},{second_chances},{urgent},\
@@ -221,7 +226,7 @@ fn report(options: &arguments::NavigateOptions, flight: &Flight, model: &Model) 
     let Flight { summary, .. } = flight;
     let mut report = Report::default();
     report.line("model", options.model.display());
-    report.line("flight", format!("{} frames at {} pixel(s)", grouped(summary.frames()), options.pixels));
+    report.line("flight", format!("{} frames at {} pixel(s)", grouped(summary.frames()), options.picture.pixels));
     report.line(
         "triangles",
         format!(
@@ -253,12 +258,12 @@ fn report(options: &arguments::NavigateOptions, flight: &Flight, model: &Model) 
         "disk",
         format!(
             "{} meta-nodes read ({}), {} of them urgently, {} ahead of time, of which {} were used; {} second chances",
-            grouped(summary.reads),
-            ByteSize(summary.bytes_read),
-            grouped(summary.urgent),
-            grouped(summary.prefetched),
-            grouped(summary.prefetch_used),
-            grouped(summary.second_chances),
+            grouped(summary.pool.reads),
+            ByteSize(summary.pool.bytes_read),
+            grouped(summary.pool.urgent),
+            grouped(summary.pool.prefetched),
+            grouped(summary.pool.prefetch_used),
+            grouped(summary.pool.second_chances),
         ),
     );
     report.line(
@@ -267,7 +272,7 @@ fn report(options: &arguments::NavigateOptions, flight: &Flight, model: &Model) 
             "{:.2} median, {:.2} at the 99th percentile; at most twice what is asked for in {:.1} % of the frames",
             summary.pixels_percentile(50.0),
             summary.pixels_percentile(99.0),
-            summary.within_pixels_percent(2.0 * f64::from(options.pixels)),
+            summary.within_pixels_percent(2.0 * f64::from(options.picture.pixels)),
         ),
     );
     let stated = f64::from(summary.error_stated);
@@ -282,11 +287,11 @@ fn report(options: &arguments::NavigateOptions, flight: &Flight, model: &Model) 
         report.line("vanished", format!("up to {vanished} of {parts} are not drawn; the error is that of the others"));
     }
     if summary.threshold_factor > 1.0 {
-        let pixels = options.pixels * summary.threshold_factor;
+        let pixels = options.picture.pixels * summary.threshold_factor;
         report.line("note", format!("the budget did not always allow this error: up to {pixels:.1} pixels were drawn"));
     }
-    if summary.retries > 0 {
-        let (retries, failures) = (grouped(summary.retries), grouped(summary.read_failures));
+    if summary.pool.retries > 0 {
+        let (retries, failures) = (grouped(summary.pool.retries), grouped(summary.pool.read_failures));
         report.line("note", format!("{retries} reads were tried again, {failures} meta-nodes could not be read"));
     }
     if let Some(peak) = flight.peak {
@@ -314,7 +319,7 @@ fn to_json(options: &arguments::NavigateOptions, flight: &Flight, model: &Model)
         "pixels_p50": summary.pixels_percentile(50.0),
         "pixels_p99": summary.pixels_percentile(99.0),
         "pixels_max": summary.pixels_percentile(100.0),
-        "within_twice_percent": summary.within_pixels_percent(2.0 * f64::from(options.pixels)),
+        "within_twice_percent": summary.within_pixels_percent(2.0 * f64::from(options.picture.pixels)),
         "error_stated": summary.error_stated,
         "guaranteed": summary.guaranteed(),
         "vanished_parts_max": summary.vanished_parts,
@@ -322,19 +327,19 @@ fn to_json(options: &arguments::NavigateOptions, flight: &Flight, model: &Model)
         "error_bound": model.header().error_bound.to_string(),
     });
     let of_disk = json!({
-        "reads": summary.reads,
-        "bytes_read": summary.bytes_read,
-        "second_chances": summary.second_chances,
-        "urgent": summary.urgent,
-        "prefetch_given_up": summary.prefetch_given_up,
-        "prefetched": summary.prefetched,
-        "prefetch_used": summary.prefetch_used,
-        "cancelled": summary.cancelled,
-        "evicted": summary.evicted,
-        "evicted_wished": summary.evicted_wished,
-        "evicted_untried": summary.evicted_untried,
-        "retries": summary.retries,
-        "read_failures": summary.read_failures,
+        "reads": summary.pool.reads,
+        "bytes_read": summary.pool.bytes_read,
+        "second_chances": summary.pool.second_chances,
+        "urgent": summary.pool.urgent,
+        "prefetch_given_up": summary.pool.prefetch_given_up,
+        "prefetched": summary.pool.prefetched,
+        "prefetch_used": summary.pool.prefetch_used,
+        "cancelled": summary.pool.cancelled,
+        "evicted": summary.pool.evicted,
+        "evicted_wished": summary.pool.evicted_wished,
+        "evicted_untried": summary.pool.evicted_untried,
+        "retries": summary.pool.retries,
+        "read_failures": summary.pool.read_failures,
         "io_threads": flight.io_threads,
         "direct": model.is_direct(),
         "threshold_factor_max": summary.threshold_factor,

@@ -5,6 +5,7 @@
 //! |---|---|---|
 //! | [`camera`] | a camera and its text form | |
 //! | [`path`] | camera paths: from a file, an orbit, a flight over the surface | |
+//! | [`random`] | random numbers, the same for the same seed | |
 //! | [`walk`] | an endless random walk over the surface, with jumps and stops | |
 //! | [`view`] | a camera looking at a model: the error of a node in pixels | the paper, 3.3.1 |
 //! | [`view_parameters`] | what counts in it: frustum, cones, silhouettes, light | 3.3.1 |
@@ -41,6 +42,7 @@ mod paging;
 pub mod path;
 mod pool;
 mod prediction;
+pub mod random;
 mod refine;
 mod split_queue;
 pub mod statistics;
@@ -63,7 +65,7 @@ pub use navigator::{
     ActiveNode, ActiveTriangle, AppliedSplit, MAX_ADAPTS, Navigator, NavigatorError, NavigatorOptions,
 };
 pub use path::PathSpec;
-pub use pool::Policy;
+pub use pool::{Policy, PoolCounters};
 pub use statistics::{FlightSummary, FrameStatistics};
 pub use view_parameters::{Light, ViewParameters, ViewParametersError};
 pub use walk::RandomWalk;

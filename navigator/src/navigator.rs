@@ -31,7 +31,7 @@ use crate::camera::{Camera, CameraError};
 use crate::collapse_queue::CollapseQueue;
 use crate::dependency::{self, Dependency};
 use crate::flip;
-use crate::front::{CHUNK, Capacity, Front, Misfit, NONE};
+use crate::front::{Capacity, Front, Misfit, NONE};
 use crate::io_process::Io;
 use crate::paging::{Paging, PagingOptions, SWEEP_FRAMES};
 use crate::pool::{HOLD_FRAMES, Hold, Policy, PoolCounters, reserved_slots};
@@ -273,9 +273,9 @@ pub struct Navigator {
     frames_standing: u32,
     /// The first vertex at which the next frame looks for collapses: where there were too many for the last one.
     collapses_from: u32,
-    /// Whether anything has changed since the first vertices had their turn; and how many times in a row nothing had by the last.
+    /// Whether anything has changed since the first vertices had their turn; and whether all have had it since the last change.
     turn_changed: bool,
-    turns_unchanged: u32,
+    turn_was_quiet: bool,
     pool_counters: PoolCounters,
 }
 
@@ -355,7 +355,7 @@ impl Navigator {
             frames_standing: 0,
             collapses_from: 0,
             turn_changed: false,
-            turns_unchanged: 0,
+            turn_was_quiet: false,
             pool_counters: PoolCounters::default(),
         })
     }
@@ -379,9 +379,7 @@ impl Navigator {
         let stands_still = self.last_camera == Some(*camera);
         self.last_camera = Some(*camera);
         self.frames_standing = if stands_still { self.frames_standing.saturating_add(1) } else { 0 };
-        if !stands_still {
-            self.turns_unchanged = 0;
-        }
+        self.turn_was_quiet &= stands_still;
         if !(stands_still && self.chain_waits) {
             self.patience_clock = self.patience_clock.wrapping_add(1);
         }
@@ -404,16 +402,15 @@ impl Navigator {
 
         statistics.requests = statistics.splits + statistics.collapses + statistics.misses;
         if statistics.splits + statistics.collapses > 0 {
-            (self.turn_changed, self.turns_unchanged) = (true, 0);
+            (self.turn_changed, self.turn_was_quiet) = (true, false);
         }
         statistics.triangles = self.front.triangle_count() as u64;
         statistics.vertices = self.front.vertex_count() as u64;
         statistics.pages_in_use = self.paging.in_use() as u64;
         let counters = self.paging.pool().counters();
-        statistics.set_pool_counters(self.pool_counters, counters);
-        let starved = counters.starved > self.pool_counters.starved;
+        statistics.pool = counters - self.pool_counters;
         self.pool_counters = counters;
-        if self.starves_for_long(stands_still, starved) {
+        if self.starves_for_long(stands_still, statistics.pool.starved > 0) {
             statistics.over_budget += 1;
         }
         self.adjust_threshold(camera, statistics.over_budget > 0);
@@ -425,8 +422,8 @@ impl Navigator {
         self.frames_at_rest = if rests { self.frames_at_rest + 1 } else { 0 };
         statistics.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         statistics.cpu_ms = (thread_cpu_time() - cpu_start).as_secs_f64() * 1e3;
-        statistics.pixels_drawn = self.pixels_in(&view, threshold);
-        let largest_switch = self.error_in(&view);
+        let (largest_switch, pixels_drawn) = self.drawn(&view, threshold);
+        statistics.pixels_drawn = pixels_drawn;
         let header = self.model.header();
         statistics.error_stated = sum_not_below(largest_switch, header.input_error);
         statistics.guaranteed = is_proven(header, self.is_a_state(), largest_switch);
@@ -624,7 +621,7 @@ impl Navigator {
         let front = &self.front;
         let (mut waits, mut full_at) = (false, None);
         let from = std::mem::take(&mut self.collapses_from);
-        for (first, (positions, of_split, of_collapse)) in (0_u32..).step_by(CHUNK).zip(front.blocks()) {
+        for (first, positions, of_split, of_collapse) in front.blocks() {
             for place in bits(for_split.exceeding(positions, of_split)) {
                 split_queue.push(first + place, for_split.error(&front.sphere(first + place)) / threshold);
             }
@@ -645,15 +642,12 @@ impl Navigator {
         // Where there are too many, as many as are kept from it by their neighbours: the next frame goes on from there. When
         // they have all had their turn and nothing has changed, nothing will.
         self.collapses_from = full_at.unwrap_or(0);
-        if full_at.is_none() && from == 0 {
-            self.turn_changed = false;
-            return waits;
-        }
+        let is_in_turns = full_at.is_some() || from > 0;
         if full_at.is_none() {
-            self.turns_unchanged = if self.turn_changed { 0 } else { self.turns_unchanged.saturating_add(1) };
+            self.turn_was_quiet |= is_in_turns && !self.turn_changed;
             self.turn_changed = false;
         }
-        waits || self.turns_unchanged == 0
+        waits || (is_in_turns && !self.turn_was_quiet)
     }
 
     /// Names the pages that will probably be needed by and by: those of the active nodes whose error will be near the
@@ -665,10 +659,10 @@ impl Navigator {
         let (for_wish, then, now) =
             (then.collapses(threshold * LEAST_WISH), then.splits(threshold), now.splits(threshold));
         let part = self.frame as usize % SWEEP_FRAMES;
-        let blocks = self.front.blocks().zip(self.front.leads_out()).enumerate();
-        for (chunk, ((positions, criteria, _), leads_out)) in blocks.skip(part).step_by(SWEEP_FRAMES) {
+        let blocks = self.front.blocks().zip(self.front.leads_out());
+        for ((first, positions, criteria, _), leads_out) in blocks.skip(part).step_by(SWEEP_FRAMES) {
             for place in bits(for_wish.exceeding(positions, criteria) & leads_out) {
-                let vertex = (chunk * CHUNK) as u32 + place;
+                let vertex = first + place;
                 if self.paging.is_used(self.front.place(vertex).0) {
                     continue;
                 }
@@ -858,35 +852,28 @@ impl Navigator {
             .max(part(self.paging.pool().needed(), slots, pages))
     }
 
-    /// Largest switch value of the active nodes that can be in the picture.
-    fn error_in(&self, view: &View) -> f32 {
-        let mut largest = 0.0;
-        for (positions, criteria, _) in self.front.blocks() {
+    /// Of the active nodes that can be in the picture: the largest switch value; and the largest error in pixels where that is
+    /// above the threshold, else the threshold.
+    fn drawn(&self, view: &View, threshold: f32) -> (f32, f32) {
+        let test = view.splits(threshold);
+        let (mut switch, mut pixels) = (0.0, threshold);
+        for (first, positions, criteria, _) in self.front.blocks() {
             for ([x, y, z, _], place) in positions.iter().zip(0..) {
-                let switch = criteria.switch[place];
+                let node_switch = criteria.switch[place];
                 let cone = NormalCone::from_word(criteria.cone[place]);
-                let sphere = Sphere { position: [*x, *y, *z], radius: criteria.radius[place], switch, cone };
-                if switch > largest && view.can_see(&sphere) {
-                    largest = switch;
+                let (position, radius) = ([*x, *y, *z], criteria.radius[place]);
+                if node_switch > switch && view.can_see(&Sphere { position, radius, switch: node_switch, cone }) {
+                    switch = node_switch;
                 }
             }
-        }
-        largest
-    }
-
-    /// The threshold, or the largest error in pixels of an active node that can be in the picture, where that is above it.
-    fn pixels_in(&self, view: &View, threshold: f32) -> f32 {
-        let test = view.splits(threshold);
-        let mut largest = threshold;
-        for (first, (positions, criteria, _)) in (0_u32..).step_by(CHUNK).zip(self.front.blocks()) {
             for place in bits(test.exceeding(positions, criteria)) {
                 let sphere = self.front.sphere(first + place);
                 if view.can_see(&sphere) {
-                    largest = largest.max(test.error(&sphere));
+                    pixels = pixels.max(test.error(&sphere));
                 }
             }
         }
-        largest
+        (switch, pixels)
     }
 }
 

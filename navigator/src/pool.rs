@@ -59,6 +59,7 @@
 //! So a page on level l of the page tree can be used, whatever else was let go, with l + 2 slots: its l - 1 ancestors and
 //! the three that it asks for.
 
+use std::ops::{AddAssign, Sub};
 use std::sync::Arc;
 
 use hashbrown::HashMap;
@@ -226,7 +227,7 @@ impl Slot {
     }
 }
 
-/// What happened in a pool, since it was made.
+/// What happened in the pool of place holders: since it was made, in a frame, or in a flight.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct PoolCounters {
     /// Pages read from disk.
@@ -245,7 +246,7 @@ pub struct PoolCounters {
     pub prefetch_given_up: u64,
     /// Requests and wishes that nobody repeated before they were begun.
     pub cancelled: u64,
-    /// Pages that made room for others; those of them that were wished, and those that were prefetched in vain.
+    /// Pages that made room for others.
     pub evicted: u64,
     /// Those of them that were still wished.
     pub evicted_wished: u64,
@@ -258,6 +259,43 @@ pub struct PoolCounters {
     /// Urgent pages that found no room, because what is not needed is held for others; and pages that could not be
     /// held.
     pub starved: u64,
+}
+
+impl PoolCounters {
+    /// Each counter made of the two.
+    fn each(self, other: Self, of: impl Fn(u64, u64) -> u64) -> Self {
+        PoolCounters {
+            reads: of(self.reads, other.reads),
+            bytes_read: of(self.bytes_read, other.bytes_read),
+            second_chances: of(self.second_chances, other.second_chances),
+            urgent: of(self.urgent, other.urgent),
+            prefetched: of(self.prefetched, other.prefetched),
+            prefetch_used: of(self.prefetch_used, other.prefetch_used),
+            prefetch_given_up: of(self.prefetch_given_up, other.prefetch_given_up),
+            cancelled: of(self.cancelled, other.cancelled),
+            evicted: of(self.evicted, other.evicted),
+            evicted_wished: of(self.evicted_wished, other.evicted_wished),
+            evicted_untried: of(self.evicted_untried, other.evicted_untried),
+            retries: of(self.retries, other.retries),
+            read_failures: of(self.read_failures, other.read_failures),
+            starved: of(self.starved, other.starved),
+        }
+    }
+}
+
+/// What happened between two readings.
+impl Sub for PoolCounters {
+    type Output = Self;
+
+    fn sub(self, before: Self) -> Self {
+        self.each(before, |after, before| after - before)
+    }
+}
+
+impl AddAssign for PoolCounters {
+    fn add_assign(&mut self, more: Self) {
+        *self = self.each(more, |sum, more| sum + more);
+    }
 }
 
 #[derive(Debug)]

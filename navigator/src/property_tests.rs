@@ -24,7 +24,7 @@ use crate::testing::{self, Mesh, Random, SMALL_PAGES};
 use crate::view::{Sphere, View};
 use crate::{
     Camera, Dependency, FlightSummary, FrameStatistics, Io, Light, Navigator, NavigatorError, NavigatorOptions, Policy,
-    ViewParameters,
+    PoolCounters, ViewParameters,
 };
 
 fn open(disk: &dyn Disk) -> Arc<Model> {
@@ -228,7 +228,7 @@ proptest! {
                 prop_assert_eq!(statistics.misses, 0);
             }
             if policy == Policy::None {
-                prop_assert_eq!(statistics.second_chances, 0);
+                prop_assert_eq!(statistics.pool.second_chances, 0);
             }
         }
         // Limits and all: with the camera at rest, the picture comes to rest.
@@ -394,13 +394,11 @@ proptest! {
             let of_place_holders = resident.frame(camera).unwrap();
             let statistics = mapped.frame(camera).unwrap();
             check(&mapped).unwrap();
-            prop_assert_eq!(statistics.misses + statistics.reads, 0);
+            prop_assert_eq!(statistics.misses + statistics.pool.reads, 0);
             // But for what is read and how long it takes.
-            let same = FrameStatistics {
-                reads: 0, bytes_read: 0, urgent: 0, second_chances: 0, prefetch_given_up: 0, prefetched: 0,
-                prefetch_used: 0, cancelled: 0, evicted: 0, evicted_wished: 0, evicted_untried: 0, frame_ms: 0.0, cpu_ms: 0.0,
-                ..of_place_holders
-            };
+            let PoolCounters { retries, read_failures, .. } = of_place_holders.pool;
+            let pool = PoolCounters { retries, read_failures, ..PoolCounters::default() };
+            let same = FrameStatistics { pool, frame_ms: 0.0, cpu_ms: 0.0, ..of_place_holders };
             prop_assert_eq!(FrameStatistics { frame_ms: 0.0, cpu_ms: 0.0, ..statistics }, same);
             prop_assert_eq!(starts(&mapped), starts(&resident));
             assert_is_mesh_of_cut(&mapped, &tree);
@@ -540,9 +538,9 @@ fn a_flight_is_the_same_each_time() {
     };
     let first = fly();
     assert_eq!(first, fly());
-    assert!(first.iter().any(|frame| frame.second_chances > 0));
+    assert!(first.iter().any(|frame| frame.pool.second_chances > 0));
     assert!(first.iter().any(|frame| frame.threshold_factor > 1.0));
-    assert!(first.iter().any(|frame| frame.prefetch_given_up > 0));
+    assert!(first.iter().any(|frame| frame.pool.prefetch_given_up > 0));
 }
 
 #[test]
@@ -622,8 +620,8 @@ fn a_flaky_disk_is_read_again() {
         }
         disk.heal();
         check(&navigator).unwrap();
-        assert_eq!(summary.read_failures, 0);
-        (cuts, summary.retries)
+        assert_eq!(summary.pool.read_failures, 0);
+        (cuts, summary.pool.retries)
     };
     let (cuts, retries) = fly(0.0, 0.0);
     assert_eq!(retries, 0);
@@ -665,7 +663,7 @@ fn threads_that_race_do_no_harm() {
         disk.heal();
         check(&navigator).unwrap();
         assert_is_mesh_of_cut(&navigator, &tree);
-        assert!(summary.prefetched > 0 && summary.read_failures == 0, "{summary:?}");
+        assert!(summary.pool.prefetched > 0 && summary.pool.read_failures == 0, "{summary:?}");
     }
 }
 

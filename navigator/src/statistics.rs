@@ -50,51 +50,8 @@ pub struct FrameStatistics {
     pub frame_ms: f64,
     /// CPU time of the frame, in milliseconds, that of the I/O thread not included.
     pub cpu_ms: f64,
-    /// Pages read from disk since the last frame.
-    pub reads: u64,
-    /// Their bytes in the file.
-    pub bytes_read: u64,
-    /// Flushed pages that were found in RAM again.
-    pub second_chances: u64,
-    /// Pages loaded urgently.
-    pub urgent: u64,
-    /// Prefetches given up for want of a free place holder.
-    pub prefetch_given_up: u64,
-    /// Pages loaded because they will probably be needed.
-    pub prefetched: u64,
-    /// Prefetched pages that came into use.
-    pub prefetch_used: u64,
-    /// Requests and wishes for pages that nobody repeated before they were begun.
-    pub cancelled: u64,
-    /// Pages that made room for others.
-    pub evicted: u64,
-    /// Those of them that were still wished.
-    pub evicted_wished: u64,
-    /// Prefetched pages that went without having been used.
-    pub evicted_untried: u64,
-    /// Reads that were tried again.
-    pub retries: u64,
-    /// Pages that could not be read, however often it was tried.
-    pub read_failures: u64,
-}
-
-impl FrameStatistics {
-    /// Fills in what the pool did between two readings of its counters.
-    pub(crate) fn set_pool_counters(&mut self, before: PoolCounters, after: PoolCounters) {
-        self.reads = after.reads - before.reads;
-        self.bytes_read = after.bytes_read - before.bytes_read;
-        self.second_chances = after.second_chances - before.second_chances;
-        self.urgent = after.urgent - before.urgent;
-        self.prefetch_given_up = after.prefetch_given_up - before.prefetch_given_up;
-        self.prefetched = after.prefetched - before.prefetched;
-        self.prefetch_used = after.prefetch_used - before.prefetch_used;
-        self.cancelled = after.cancelled - before.cancelled;
-        self.evicted = after.evicted - before.evicted;
-        self.evicted_wished = after.evicted_wished - before.evicted_wished;
-        self.evicted_untried = after.evicted_untried - before.evicted_untried;
-        self.retries = after.retries - before.retries;
-        self.read_failures = after.read_failures - before.read_failures;
-    }
+    /// What happened in the pool since the last frame.
+    pub pool: PoolCounters,
 }
 
 /// What the frames of a flight did together.
@@ -119,32 +76,8 @@ pub struct FlightSummary {
     pixels: Vec<f64>,
     /// Frames whose stated error is proven.
     guaranteed: u64,
-    /// Pages read from disk.
-    pub reads: u64,
-    /// Their bytes in the file.
-    pub bytes_read: u64,
-    /// Flushed pages that were found in RAM again.
-    pub second_chances: u64,
-    /// Pages loaded urgently.
-    pub urgent: u64,
-    /// Prefetches given up for want of a free place holder.
-    pub prefetch_given_up: u64,
-    /// Pages loaded because they will probably be needed.
-    pub prefetched: u64,
-    /// Prefetched pages that came into use.
-    pub prefetch_used: u64,
-    /// Requests and wishes for pages that nobody repeated before they were begun.
-    pub cancelled: u64,
-    /// Pages that made room for others.
-    pub evicted: u64,
-    /// Those of them that were still wished.
-    pub evicted_wished: u64,
-    /// Prefetched pages that went without having been used.
-    pub evicted_untried: u64,
-    /// Reads that were tried again.
-    pub retries: u64,
-    /// Pages that could not be read, however often it was tried.
-    pub read_failures: u64,
+    /// What happened in the pool.
+    pub pool: PoolCounters,
     /// Largest error that was in a picture, in mesh units; see [`FrameStatistics::error_stated`].
     pub error_stated: f32,
     /// The most parts that no triangle was drawn of, in one frame.
@@ -168,19 +101,7 @@ impl FlightSummary {
         self.cpu_ms.push(frame.cpu_ms);
         self.frame_ms.push(frame.frame_ms);
         self.pixels.push(frame.pixels_drawn.into());
-        self.reads += frame.reads;
-        self.bytes_read += frame.bytes_read;
-        self.second_chances += frame.second_chances;
-        self.urgent += frame.urgent;
-        self.prefetch_given_up += frame.prefetch_given_up;
-        self.prefetched += frame.prefetched;
-        self.prefetch_used += frame.prefetch_used;
-        self.cancelled += frame.cancelled;
-        self.evicted += frame.evicted;
-        self.evicted_wished += frame.evicted_wished;
-        self.evicted_untried += frame.evicted_untried;
-        self.retries += frame.retries;
-        self.read_failures += frame.read_failures;
+        self.pool += frame.pool;
         self.error_stated = self.error_stated.max(frame.error_stated);
         self.guaranteed += u64::from(frame.guaranteed);
         self.vanished_parts = self.vanished_parts.max(frame.vanished_parts);

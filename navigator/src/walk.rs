@@ -16,6 +16,7 @@ use metanode::model::Model;
 
 use crate::camera::Camera;
 use crate::path::{Bounds, FIELD_OF_VIEW, SurfacePoint, surface_points};
+use crate::random::Random;
 
 /// How many steps are a second.
 pub const STEPS_PER_SECOND: f64 = 60.0;
@@ -47,30 +48,6 @@ pub enum Step {
     Jump,
     /// It stays where it is.
     Stop,
-}
-
-/// Random numbers (SplitMix64).
-#[derive(Debug, Clone)]
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// Between two numbers.
-    fn between(&mut self, [least, most]: [f64; 2]) -> f64 {
-        least + (most - least) * ((self.next() >> 11) as f64 / (1_u64 << 53) as f64)
-    }
-
-    /// Between two positive numbers, each order of magnitude as often as any other.
-    fn magnitude(&mut self, range: [f64; 2]) -> f64 {
-        self.between(range.map(f64::ln)).exp()
-    }
 }
 
 /// A random walk over the surface of a model.
@@ -138,7 +115,7 @@ impl RandomWalk {
         self.event_left -= seconds;
         if self.event_left <= 0.0 {
             self.event_left = self.random.between(EVENTS);
-            if self.random.next().is_multiple_of(STOPS) {
+            if self.random.bits().is_multiple_of(STOPS) {
                 self.velocity = DVec3::ZERO;
                 return Step::Stop;
             }
@@ -171,7 +148,7 @@ impl RandomWalk {
         let count = self.points.len();
         let mut nearest: Option<(f64, usize)> = None;
         for _ in 0..candidates {
-            let index = (self.random.next() % count as u64) as usize;
+            let index = (self.random.bits() % count as u64) as usize;
             let distance = self.points[index].position.distance_squared(self.eye);
             let is_new = !self.last.contains(&index) || count <= REMEMBERED;
             if is_new && nearest.is_none_or(|(least, _)| distance < least) {

@@ -114,10 +114,10 @@ fn nothing_grows_after_the_start() {
                 continue;
             }
             (least, most) = (least.min(held), most.max(held));
-            if frame.reads == 0 {
+            if frame.pool.reads == 0 {
                 other_calls += calls;
             } else {
-                reads += frame.reads;
+                reads += frame.pool.reads;
                 calls_for_reads += calls;
             }
         }

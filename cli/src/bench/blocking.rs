@@ -114,7 +114,7 @@ pub fn run(options: &BlockingBenchOptions, json: bool) -> Result<()> {
     drop(workshop);
 
     if let Some(path) = &options.plot {
-        let title = format!("A flight in {} at {} pixel(s)", options.memory, options.pixels);
+        let title = format!("A flight in {} at {} pixel(s)", options.memory, options.picture.pixels);
         write_plot(path, &plot::reads_against_slots(&subjects, &title)?)?;
     }
     let mut out = io::stdout().lock();
@@ -214,9 +214,9 @@ fn measure(options: &BlockingBenchOptions, model: Model, cameras: &[Camera]) -> 
     let (statistics, sizes) = (statistics(&model)?, PageSizes::of(&model)?);
     let flight = NavigatorOptions {
         memory: options.memory.0,
-        pixels: options.pixels,
-        width: options.size.width,
-        height: options.size.height,
+        pixels: options.picture.pixels,
+        width: options.picture.size.width,
+        height: options.picture.size.height,
         max_adapts: None,
         ..NavigatorOptions::default()
     };
@@ -387,7 +387,7 @@ fn legend(options: &BlockingBenchOptions) -> String {
          a second. Path {}, {} pixel(s), {} of RAM, on {}.",
         options.frame_rate,
         options.path,
-        options.pixels,
+        options.picture.pixels,
         options.memory,
         Machine::this().text(),
     )
@@ -397,7 +397,7 @@ fn to_json(options: &BlockingBenchOptions, subjects: &[Subject]) -> Value {
     json!({
         "machine": Machine::this().to_json(),
         "path": options.path.to_string(),
-        "pixels": options.pixels,
+        "pixels": options.picture.pixels,
         "memory_bytes": options.memory.0,
         "frames_per_second": options.frame_rate,
         "positions": options.positions.to_string(),
@@ -450,9 +450,9 @@ fn row_json(mut document: Value, row: &Row) -> Value {
     document["in_time"] = json!({
         "triangles_mean": in_time.triangles_mean(),
         "miss_percent": in_time.miss_percent(),
-        "reads": in_time.reads,
-        "bytes_read": in_time.bytes_read,
-        "urgent": in_time.urgent,
+        "reads": in_time.pool.reads,
+        "bytes_read": in_time.pool.bytes_read,
+        "urgent": in_time.pool.urgent,
         "cpu_ms_mean": in_time.cpu_ms_mean(),
         "frame_ms_p99": in_time.frame_ms_percentile(99.0),
     });

@@ -10,6 +10,7 @@ use anyhow::{Context, Result};
 use metanode::header::ModelError;
 use metanode::model::Model;
 use metanode::{Statement, UniformCut, error_for_triangles};
+use navigator::random::Random;
 use navigator::{Camera, Dependency, Io, Navigator, NavigatorOptions};
 use storage::LocalDisk;
 use vdt::mesh::MeshError;
@@ -170,18 +171,4 @@ fn writer(path: &Path, vertices: u64, triangles: u64) -> Result<MeshWriter> {
         attributes: None,
     };
     Ok(MeshWriter::create(Arc::new(LocalDisk), path, OutputFormat::Ply, layout)?)
-}
-
-/// Pseudo-random numbers (SplitMix64).
-struct Random(u64);
-
-impl Random {
-    /// The next number, from 0 up to but not 1.
-    fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut bits = self.0;
-        bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((bits ^ (bits >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
 }

@@ -125,7 +125,7 @@ pub fn run(options: &DependencyBenchOptions, json: bool) -> Result<()> {
              were blocked, triangles repaired; CPU time in milliseconds. Path {} at {} pixel(s), {} of RAM and 12 bytes for\n\
              each vertex to find what is flipped, in every {}. frame. {}.",
             options.path,
-            options.pixels,
+            options.picture.pixels,
             options.memory,
             options.every,
             Machine::this().text(),
@@ -143,9 +143,9 @@ fn fly(
 ) -> Result<Row, NavigatorError> {
     let navigator_options = NavigatorOptions {
         memory: options.memory.0,
-        pixels: options.pixels,
-        width: options.size.width,
-        height: options.size.height,
+        pixels: options.picture.pixels,
+        width: options.picture.size.width,
+        height: options.picture.size.height,
         dependency: Dependency::from(name),
         io: Io::Sync,
         ..NavigatorOptions::default()
@@ -235,7 +235,7 @@ fn to_json(options: &DependencyBenchOptions, flights: &[Flights]) -> Value {
     json!({
         "machine": Machine::this().to_json(),
         "path": options.path.to_string(),
-        "pixels": options.pixels,
+        "pixels": options.picture.pixels,
         "memory_bytes": options.memory.0,
         "rows": rows.collect::<Vec<_>>(),
     })

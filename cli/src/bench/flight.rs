@@ -201,17 +201,17 @@ impl Flight {
 
     /// Pages read from disk, mean over the frames.
     pub fn reads_per_frame(&self) -> f64 {
-        self.per_frame(self.summary.reads)
+        self.per_frame(self.summary.pool.reads)
     }
 
     /// Bytes read from disk, mean over the frames.
     pub fn bytes_per_frame(&self) -> f64 {
-        self.per_frame(self.summary.bytes_read)
+        self.per_frame(self.summary.pool.bytes_read)
     }
 
     /// Bytes read over the bytes of the records used; `None` where none was.
     pub fn read_over_used(&self) -> Option<f64> {
-        (self.distinct_records > 0).then(|| self.summary.bytes_read as f64 / self.distinct_record_bytes)
+        (self.distinct_records > 0).then(|| self.summary.pool.bytes_read as f64 / self.distinct_record_bytes)
     }
 
     /// Bytes of the pages that were ever in use over the bytes of the records used: what would be read if no page was
@@ -229,12 +229,12 @@ impl Flight {
             "bytes_per_cut_mean": self.encoded_per_cut(),
             "decoded_bytes_per_cut_mean": self.decoded_per_cut(),
             "records_used_share": self.used_share(),
-            "reads": self.summary.reads,
-            "bytes_read": self.summary.bytes_read,
+            "reads": self.summary.pool.reads,
+            "bytes_read": self.summary.pool.bytes_read,
             "reads_per_frame": self.reads_per_frame(),
             "bytes_read_per_frame": self.bytes_per_frame(),
-            "second_chances": self.summary.second_chances,
-            "prefetch_given_up": self.summary.prefetch_given_up,
+            "second_chances": self.summary.pool.second_chances,
+            "prefetch_given_up": self.summary.pool.prefetch_given_up,
             "pages_used": self.distinct_pages,
             "pages_used_bytes": self.distinct_bytes,
             "records_used": self.distinct_records,

@@ -33,7 +33,7 @@ use anyhow::{Result, bail};
 use metanode::model::Model;
 use navigator::check::{Undone, check, undone};
 use navigator::walk::{RandomWalk, STEPS_PER_SECOND, Step};
-use navigator::{Camera, Io, Navigator, NavigatorError, NavigatorOptions};
+use navigator::{Camera, Io, Navigator, NavigatorError, NavigatorOptions, PoolCounters};
 use serde_json::{Value, json};
 use storage::{ByteSize, FaultyDisk, LocalDisk};
 
@@ -83,9 +83,7 @@ struct Tally {
     misses: u64,
     requests: u64,
     adapts: u64,
-    reads: u64,
-    retries: u64,
-    read_failures: u64,
+    pool: PoolCounters,
     frame_ms: f64,
     frame_ms_max: f64,
     /// Frames with a threshold raised because of a limit.
@@ -179,9 +177,9 @@ pub fn run(options: &SoakOptions, json: bool) -> Result<()> {
     let sound = Arc::new(Model::open(&LocalDisk, &options.model)?);
     let navigator_options = NavigatorOptions {
         memory: options.memory.0,
-        pixels: options.pixels,
-        width: options.size.width,
-        height: options.size.height,
+        pixels: options.picture.pixels,
+        width: options.picture.size.width,
+        height: options.picture.size.height,
         dependency: options.dependency.into(),
         ..NavigatorOptions::default()
     };
@@ -277,9 +275,7 @@ impl Soak<'_> {
                 tally.misses += frame.misses;
                 tally.requests += frame.requests;
                 tally.adapts += frame.splits + frame.collapses;
-                tally.reads += frame.reads;
-                tally.retries += frame.retries;
-                tally.read_failures += frame.read_failures;
+                tally.pool += frame.pool;
                 tally.frame_ms += frame.frame_ms;
                 tally.frame_ms_max = tally.frame_ms_max.max(frame.frame_ms);
                 tally.raised_frames += u64::from(frame.threshold_factor > 1.0);
@@ -344,7 +340,7 @@ impl Soak<'_> {
     /// Looks at a picture at rest, by itself and beside that of a fresh navigator.
     fn compare(&mut self, camera: &Camera) -> Result<()> {
         let own = self.threshold_factor;
-        let rest = self.fresh(camera, self.options.pixels)?;
+        let rest = self.fresh(camera, self.options.picture.pixels)?;
         let rest = if own > 1.0 {
             self.tally.factors.push(own / rest.factor);
             drop(rest);
@@ -445,9 +441,9 @@ fn report(options: &SoakOptions, tally: &Tally, seconds: f64) -> Report {
         "disk",
         format!(
             "{} read, {} tried again, {} given up; {}",
-            counted(tally.reads, "meta-node", "meta-nodes"),
-            grouped(tally.retries),
-            grouped(tally.read_failures),
+            counted(tally.pool.reads, "meta-node", "meta-nodes"),
+            grouped(tally.pool.retries),
+            grouped(tally.pool.read_failures),
             counted(tally.outages, "outage", "outages"),
         ),
     );
@@ -534,9 +530,9 @@ fn to_json(options: &SoakOptions, tally: &Tally, seconds: f64) -> Value {
     });
     let figures = json!({
         "outages": tally.outages,
-        "reads": tally.reads,
-        "retries": tally.retries,
-        "read_failures": tally.read_failures,
+        "reads": tally.pool.reads,
+        "retries": tally.pool.retries,
+        "read_failures": tally.pool.read_failures,
         "misses": tally.misses,
         "requests": tally.requests,
         "adapts_mean": tally.adapts as f64 / frames,

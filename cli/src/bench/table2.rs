@@ -261,7 +261,7 @@ impl Bench<'_> {
     }
 
     fn measure_path(&self, model: &Path, path: &PathSpec, show: &dyn Fn(f64)) -> Result<Result<Vec<Row>, String>> {
-        let mut in_memory = self.fly(model, path, Way::InMemory, self.options.pixels, u64::MAX)?;
+        let mut in_memory = self.fly(model, path, Way::InMemory, self.options.picture.pixels, u64::MAX)?;
         let whole = match &in_memory.outcome {
             Ok(_) => in_memory.whole("decoded_bytes").unwrap_or(0) + in_memory.whole("front_bytes_max").unwrap_or(0),
             Err(complaint) => return Ok(Err(complaint.clone())),
@@ -272,7 +272,7 @@ impl Bench<'_> {
         // What little memory allows is no finer than what much does: from the largest on, the error only rises.
         sizes.sort_unstable();
         sizes.dedup();
-        let mut pixels = self.options.pixels;
+        let mut pixels = self.options.picture.pixels;
         let mut rows = Vec::new();
         for (number, memory) in sizes.iter().rev().copied().enumerate() {
             show(number as f64 / sizes.len() as f64);
@@ -282,7 +282,7 @@ impl Bench<'_> {
                 // Who misses nothing may need more room than who does.
                 let ours = fly(Way::Ours, pixels)?;
                 let random = if ours.was_raised() { None } else { Some(fly(Way::Mapped(MapAdvice::Random), pixels)?) };
-                let is_last = pixels >= self.options.pixels * MOST_PIXELS_FACTOR;
+                let is_last = pixels >= self.options.picture.pixels * MOST_PIXELS_FACTOR;
                 match random {
                     Some(random) if !random.was_raised() || is_last => break (ours, random),
                     None if is_last => break (ours, fly(Way::Mapped(MapAdvice::Random), pixels)?),
@@ -329,7 +329,7 @@ impl Bench<'_> {
         let mut command = self.workshop.command(group.as_ref().map(RunCgroup::group));
         command.arg("navigate").arg(model).args(["--json", "--settle", "--path", &path.to_string()]);
         command.args(["--pixels", &pixels.to_string(), "--memory", &memory.to_string()]);
-        let size = self.options.size;
+        let size = self.options.picture.size;
         command.args(["--size", &format!("{}x{}", size.width, size.height)]);
         command.args(["--frame-rate", &self.options.frame_rate.to_string()]);
         let advice = match way {
@@ -453,7 +453,7 @@ fn legend(options: &Table2Options, no_cgroup: Option<&str>) -> String {
          {cgroups}\n\
          Begun cold, with the first picture finished, at {} frames a second.{runs}\n\
          Measured on {}.",
-        options.pixels,
+        options.picture.pixels,
         options.frame_rate,
         Machine::this().text(),
     )
@@ -484,8 +484,8 @@ fn pictures(subjects: &[Subject]) -> Vec<(String, Vec<plot::Line>)> {
 fn to_json(options: &Table2Options, subjects: &[Subject], no_cgroup: Option<&str>) -> Value {
     json!({
         "machine": Machine::this().to_json(),
-        "pixels": options.pixels,
-        "size": [options.size.width, options.size.height],
+        "pixels": options.picture.pixels,
+        "size": [options.picture.size.width, options.picture.size.height],
         "frames_per_second": options.frame_rate,
         "runs": options.runs,
         "memory": options.memory.iter().map(ToString::to_string).collect::<Vec<_>>(),

@@ -346,11 +346,13 @@ impl Front {
         Sphere { position: [x, y, z], radius: birth.radius, switch: birth.switch, cone: birth.cone }
     }
 
-    /// Positions and what decides about splits and collapses, for each 64 vertices. Places without a vertex, leaves, and vertices
+    /// For each 64 vertices the first number, positions, and what decides about splits and collapses. Places without a vertex, leaves, and vertices
     /// at which nothing can be undone, have switch values by which no view wants a change.
-    pub fn blocks(&self) -> impl Iterator<Item = (&[[f32; 4]; CHUNK], &Criteria, &Criteria)> {
+    pub fn blocks(&self) -> impl Iterator<Item = (u32, &[[f32; 4]; CHUNK], &Criteria, &Criteria)> {
         let (positions, _) = self.positions.as_chunks::<CHUNK>();
-        positions.iter().zip(&self.split_criteria).zip(&self.collapse_criteria).map(|((p, s), c)| (p, s, c))
+        let criteria = self.split_criteria.iter().zip(&self.collapse_criteria);
+        let blocks = (0..).step_by(CHUNK).zip(positions).zip(criteria);
+        blocks.map(|((first, positions), (split, collapse))| (first, positions, split, collapse))
     }
 
     /// For each block, of which vertices the split of the active node is in another page than its parent's: a bit for each.
