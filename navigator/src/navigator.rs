@@ -327,6 +327,8 @@ impl Navigator {
         let budget = if decoded.is_some() { budget.with_mapped_pages(&model) } else { budget };
         let front = Front::new(model.roots(), leaf_count, budget.front);
         let vertices = front.capacity().vertices;
+        // Of a mapped file, where all pages are there, there is nothing to wish for.
+        let options = NavigatorOptions { prefetch: options.prefetch && decoded.is_none(), ..options };
         let NavigatorOptions { io, prefetch, policy, .. } = options;
         let paging_options = PagingOptions { slots: budget.slots, io, io_threads: budget.io_threads, prefetch, policy };
         let paging = match decoded {
