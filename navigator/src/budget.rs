@@ -15,7 +15,7 @@ use crate::board::BOARD_BYTES;
 use crate::collapse_queue::CollapseQueue;
 use crate::front::{CHUNK, Capacity, Corner, LINE_BYTES, TREE_BYTES, TRIANGLE_BYTES, TRIANGLE_LIMIT, VERTEX_BYTES};
 use crate::io_process::reader_bytes;
-use crate::paging::{MAPPED_PAGE_BYTES, WISH_BYTES, used_bytes};
+use crate::paging::{MAPPED_PAGE_BYTES, WISH_BYTES};
 use crate::pool::{LEAST_FOR_URGENT, SLOT_OVERHEAD_BYTES};
 use crate::refine::CHAIN_BYTES;
 use crate::split_queue::QUEUE_BYTES;
@@ -113,7 +113,6 @@ impl Needs {
                 + header.root_count as usize * TREE_BYTES
                 + header.page_levels as usize * size_of::<PageLocation>()
                 + BOARD_BYTES
-                + used_bytes(model)
                 + born_triangles * size_of::<Corner>()
                 + CHAIN_BYTES,
             reader_bytes: reader_bytes(model, header.page_levels as usize * (slot_bytes / USUAL_RECORD_BYTES)),

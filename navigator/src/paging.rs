@@ -36,23 +36,13 @@ pub const SWEEP_FRAMES: usize = 4;
 /// Most wishes.
 const WISH_LIMIT: usize = 1024;
 
-/// Bytes of an entry of the hash table of wishes, at the worst filling.
-const WANTED_BYTES: usize = 9 * 16 / 7;
+/// Bytes of an entry of a hash table of pages, at the worst filling.
+pub const TABLE_ENTRY_BYTES: usize = 9 * 16 / 7;
 /// Bytes that wishes take for each place holder, at the most: there is a wish for two of them. Those of a frame, of the last ones,
 /// of all together, and on the board.
 pub const WISH_BYTES: usize = size_of::<Want>()
     + ((2 * SWEEP_FRAMES + 1) * size_of::<Command>() + 2 * size_of::<u32>()).div_ceil(2)
-    + 2 * WANTED_BYTES;
-
-/// Words with a bit for each page of a model.
-fn used_words(model: &Model) -> usize {
-    (model.header().page_count as usize).div_ceil(64)
-}
-
-/// Bytes of RAM that the bits take that tell which pages are in use.
-pub fn used_bytes(model: &Model) -> usize {
-    used_words(model) * size_of::<u64>()
-}
+    + 2 * TABLE_ENTRY_BYTES;
 
 /// Bytes of RAM for each page of a model in a mapped file, beside what the system keeps of the file.
 pub const MAPPED_PAGE_BYTES: usize = size_of::<Arc<Page>>() + 2 * size_of::<u32>();
@@ -127,8 +117,8 @@ pub struct Paging {
     page_of_slot: Vec<u32>,
     usage: Vec<u32>,
     wish_limit: usize,
-    /// A bit for each page of the model: whether it is in use.
-    is_used: Vec<u64>,
+    /// The place holder of each page in use.
+    slot_of_page: HashMap<u32, u32>,
     /// Where in `wants` each page is.
     wanted: HashMap<u32, u32>,
     /// What was wished in this frame, each page once, and in the last ones; all of that together; and the pages of the last prefetch list, with
@@ -179,7 +169,7 @@ impl Paging {
             page_of_slot: vec![NONE; slots],
             usage: vec![0; slots],
             wish_limit,
-            is_used: vec![0; used_words(&model)],
+            slot_of_page: HashMap::with_capacity(slots),
             wanted: HashMap::with_capacity(2 * wish_limit),
             wants: Vec::with_capacity(2 * wish_limit),
             wishes: std::array::from_fn(|_| Vec::with_capacity(wish_limit)),
@@ -217,7 +207,7 @@ impl Paging {
             usage: vec![0; count],
             pool,
             wish_limit: 0,
-            is_used: Vec::new(),
+            slot_of_page: HashMap::new(),
             wanted: HashMap::new(),
             wants: Vec::new(),
             wishes: std::array::from_fn(|_| Vec::new()),
@@ -274,14 +264,24 @@ impl Paging {
         }
     }
 
-    /// A step towards a split whose record is in the same page as its parent's, in this place holder: fetches the page's own fields,
-    /// then the record, then its parts into the cache. No effect where it is in another page, which may not be there.
+    /// The place holder of a page that is in use. Most often it is that of the parent's split, which is given.
+    #[inline]
+    fn slot_in_use(&self, page: u32, slot_above: u32) -> Option<u32> {
+        if slot_above != NONE && self.page_number(slot_above) == page {
+            return Some(slot_above);
+        }
+        match &self.executor {
+            Executor::Nobody(_) => Some(page).filter(|page| self.usage.get(*page as usize).is_some_and(|usage| *usage > 0)),
+            _ => self.slot_of_page.get(&page).copied(),
+        }
+    }
+
+    /// A step towards a split, whose parent's record is in the place holder `slot_above`: fetches the page's own fields, then the
+    /// record, then its parts into the cache. No effect where the page is not in use: then it may not be there.
     #[inline]
     pub fn prefetch(&self, slot_above: u32, (page, record): (u32, u16), step: usize) {
-        if slot_above == NONE || self.page_number(slot_above) != page {
-            return;
-        }
-        let page = self.page(slot_above);
+        let Some(slot) = self.slot_in_use(page, slot_above) else { return };
+        let page = self.page(slot);
         match step {
             0 => prefetch(std::slice::from_ref(page), 0),
             1 => page.prefetch_record(record),
@@ -308,19 +308,15 @@ impl Paging {
     /// Counts the use of the page that the split of an active node is in. A missing page is asked for urgently.
     pub fn begin_use(&mut self, want: &Want) -> Use {
         let Want { page, parent_slot, .. } = *want;
-        // Most often the parent's split is in the same page, which is therefore in use.
-        if parent_slot != NONE && self.page_number(parent_slot) == page {
-            self.usage[parent_slot as usize] += 1;
-            return Use::Granted { slot: parent_slot };
+        if let Some(slot) = self.slot_in_use(page, parent_slot) {
+            self.usage[slot as usize] += 1;
+            return Use::Granted { slot };
         }
         if let Executor::Nobody(decoded) = &self.executor {
-            let Some(usage) = self.usage.get_mut(page as usize) else { return Use::Refused };
-            if *usage == 0 {
-                let Some(mapped) = decoded.page(page) else { return Use::Refused };
-                self.pages[page as usize] = Arc::new(mapped);
-                self.page_of_slot[page as usize] = page;
-            }
-            *usage += 1;
+            let Some(mapped) = decoded.page(page) else { return Use::Refused };
+            self.pages[page as usize] = Arc::new(mapped);
+            self.page_of_slot[page as usize] = page;
+            self.usage[page as usize] = 1;
             return Use::Granted { slot: page };
         }
         // The parent's page is in use, and its ancestors are there. Who has no parent may have to have them brought in.
@@ -344,9 +340,7 @@ impl Paging {
                 if let Some(fresh) = fresh {
                     self.pages[slot as usize] = fresh;
                     self.page_of_slot[slot as usize] = page;
-                    if let Some(word) = self.is_used.get_mut(page as usize / 64) {
-                        *word |= 1 << (page % 64);
-                    }
+                    self.slot_of_page.insert(page, slot);
                 }
                 self.usage[slot as usize] += 1;
                 Use::Granted { slot }
@@ -372,9 +366,7 @@ impl Paging {
         *usage -= 1;
         if *usage == 0 {
             let page = std::mem::replace(&mut self.page_of_slot[slot as usize], NONE);
-            if let Some(word) = self.is_used.get_mut(page as usize / 64) {
-                *word &= !(1 << (page % 64));
-            }
+            self.slot_of_page.remove(&page);
             self.pages[slot as usize] = self.pool.nothing().clone();
             if !matches!(self.executor, Executor::Nobody(_)) {
                 self.pool.stop_using(slot, hold);
@@ -385,7 +377,7 @@ impl Paging {
     /// Whether a page is in use.
     #[inline]
     pub fn is_used(&self, page: u32) -> bool {
-        self.is_used.get(page as usize / 64).is_some_and(|word| word >> (page % 64) & 1 == 1)
+        self.slot_of_page.contains_key(&page)
     }
 
     /// The page that the split of this node is in will probably be needed soon. No effect where it is in use.

@@ -69,6 +69,7 @@ use parking_lot::Mutex;
 
 use crate::board::Command;
 use crate::front::NONE;
+use crate::paging::TABLE_ENTRY_BYTES;
 
 /// Slots that must not be needed for a split that needs one more page, at the least.
 pub const LEAST_FOR_SPLIT: usize = 2;
@@ -89,13 +90,13 @@ pub fn reserved_slots(slots: usize, header: &Header) -> usize {
 /// How many frames a page that was loaded urgently waits for its use.
 pub const HOLD_FRAMES: u32 = 4;
 
-/// Bytes that a slot takes beside what is in its page: the page's counts, references to it, the pool's marks, its entry in
-/// the hash table (at the worst filling), and the navigator's notes of its page and of its usage count.
+/// Bytes that a slot takes beside what is in its page: the page's counts, references to it, the pool's marks, its
+/// entries in the pool's hash table and in the navigator's, and the navigator's notes of its page and of its usage count.
 pub const SLOT_OVERHEAD_BYTES: usize = 2 * size_of::<usize>()
     + size_of::<Page>()
     + 2 * size_of::<Arc<Page>>()
     + size_of::<Slot>()
-    + 9 * 16 / 7
+    + 2 * TABLE_ENTRY_BYTES
     + 2 * size_of::<u32>();
 
 /// What becomes of pages that nobody needs at the moment.
