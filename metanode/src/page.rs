@@ -424,11 +424,13 @@ impl Page {
         Ok(())
     }
 
+    #[inline]
     fn records_start(&self, index: usize) -> usize {
         self.counts.records_start() + index * RECORD_WORDS
     }
 
     /// Number of the meta-node.
+    #[inline]
     pub fn number(&self) -> u32 {
         self.words[0]
     }
@@ -439,6 +441,7 @@ impl Page {
     }
 
     /// The counts of its parts.
+    #[inline]
     pub fn counts(&self) -> PageCounts {
         self.counts
     }
@@ -451,6 +454,12 @@ impl Page {
     /// The leaves from the first to one past the last that lie under the roots of the page.
     pub fn leaf_interval(&self) -> (u32, u32) {
         (self.words[8], self.words[9])
+    }
+
+    /// Number of child page `child`, of those that there are.
+    #[inline]
+    pub fn child_number(&self, child: u16) -> u32 {
+        self.words[5].wrapping_add(child.into())
     }
 
     /// Where child page `child` lies.
@@ -470,33 +479,35 @@ impl Page {
     }
 
     /// The record with this index, `None` where there is none.
+    #[inline]
     pub fn record(&self, index: u16) -> Option<Record> {
         if usize::from(index) >= self.counts.records {
             return None;
         }
-        let start = self.records_start(index.into());
-        let words = &self.words[start..start + RECORD_WORDS];
+        let words: &[u32] = &self.words;
+        let [born_leaf, x, y, z, normal, entries, _] = *words.get(self.records_start(index.into())..)?.first_chunk()?;
         Some(Record {
-            born_leaf: words[0],
-            position: [words[1], words[2], words[3]].map(f32::from_bits),
-            normal: Normal::from_word(words[4]),
-            kept: self.entry(low(words[5])),
-            born: self.entry(high(words[5])),
+            born_leaf,
+            position: [x, y, z].map(f32::from_bits),
+            normal: Normal::from_word(normal),
+            kept: self.entry(words, low(entries)),
+            born: self.entry(words, high(entries)),
         })
     }
 
-    fn entry(&self, index: u16) -> Option<ChildEntry> {
+    #[inline]
+    fn entry(&self, words: &[u32], index: u16) -> Option<ChildEntry> {
         if usize::from(index) >= self.counts.entries {
             return None;
         }
         let start = self.counts.entries_start() + usize::from(index) * ENTRY_WORDS;
-        let words = &self.words[start..start + ENTRY_WORDS];
-        let (record, child) = (low(words[4]), high(words[4]));
+        let [id, switch, radius, cone, target] = *words.get(start..)?.first_chunk()?;
+        let (record, child) = (low(target), high(target));
         Some(ChildEntry {
-            id: words[0],
-            switch: f32::from_bits(words[1]),
-            radius: f32::from_bits(words[2]),
-            cone: NormalCone::from_word(words[3]),
+            id,
+            switch: f32::from_bits(switch),
+            radius: f32::from_bits(radius),
+            cone: NormalCone::from_word(cone),
             target: if child == NONE_16 { Target::SamePage { record } } else { Target::ChildPage { child, record } },
         })
     }
@@ -520,6 +531,7 @@ impl Page {
     }
 
     /// The triangles born by the record with this index; none where there is no such record.
+    #[inline]
     pub fn triangles(&self, index: u16) -> impl ExactSizeIterator<Item = [u32; 3]> + '_ {
         self.of_triangles(self.counts.triangles_start(), index)
     }
@@ -532,6 +544,7 @@ impl Page {
     }
 
     /// Three words for each triangle of a record, from those that begin at `start`.
+    #[inline]
     fn of_triangles(&self, start: usize, index: u16) -> impl ExactSizeIterator<Item = [u32; 3]> + '_ {
         let index = usize::from(index);
         let first = |index: usize| self.words[self.records_start(index) + 6] as usize;

@@ -44,6 +44,7 @@ impl PageWords {
 impl Deref for PageWords {
     type Target = [u32];
 
+    #[inline]
     fn deref(&self) -> &[u32] {
         match &self.mapped {
             None => &self.own,

@@ -11,6 +11,8 @@ use crate::window::Window;
 
 /// The most collapses that a frame finds, and the most that follow. (Few in tests, so that some wait.)
 const MOST: usize = if cfg!(test) { 48 } else { 1 << 15 };
+/// How many others lie between the steps in which what is known of those found is fetched.
+const APART: usize = 8;
 
 /// The queue. A split is named by the vertex that it bore.
 #[derive(Debug)]
@@ -66,18 +68,36 @@ impl CollapseQueue {
         found + usize::from(self.head.is_some()) + self.follows.len()
     }
 
-    /// Adds a split to be undone, whose node has this id. False where there are too many.
-    pub fn add(&mut self, id: u32, born: u32) -> bool {
-        let fits = self.found.len() < self.most;
-        if fits {
-            self.found.push(key(id, born));
+    /// Adds vertices into which is to be collapsed: the bits of a block of them, whose first is given. False where those are too
+    /// many: then some of them were not added.
+    pub fn find(&mut self, first: u32, mut block: u64) -> bool {
+        while block != 0 && self.found.len() < self.most {
+            self.found.push(u64::from(first + block.trailing_zeros()));
+            block &= block - 1;
         }
-        fits
+        block == 0
     }
 
-    /// All are added.
-    pub fn sort(&mut self) {
-        self.found.sort_unstable();
+    /// All are found: `split_of` says of each the id of the node that is to be restored there, and the vertex that its split bore;
+    /// `None` for one that is to wait. `fetch` makes two steps towards that.
+    pub fn order(&mut self, fetch: impl Fn(u32, usize), mut split_of: impl FnMut(u32) -> Option<(u32, u32)>) {
+        let found = &mut self.found;
+        let mut left = 0;
+        for index in 0..found.len() + 2 * APART {
+            if let Some(vertex) = found.get(index) {
+                fetch(*vertex as u32, 0);
+            }
+            if let Some(vertex) = index.checked_sub(APART).and_then(|index| found.get(index)) {
+                fetch(*vertex as u32, 1);
+            }
+            let Some(vertex) = index.checked_sub(2 * APART).map(|index| found[index] as u32) else { continue };
+            if let Some((id, born)) = split_of(vertex) {
+                found[left] = key(id, born);
+                left += 1;
+            }
+        }
+        found.truncate(left);
+        found.sort_unstable();
     }
 
     /// Adds one that follows the one taken last. False where there are too many.
@@ -128,8 +148,9 @@ mod tests {
             queue.clear();
             let count = random.below(40);
             let mut expected: Vec<u32> = (0..count).map(|_| random.below(1000) as u32).collect();
-            expected.iter().for_each(|id| assert!(queue.add(*id, *id + 5)));
-            queue.sort();
+            // One block for each, as vertices need not be in order; one more waits.
+            expected.iter().chain([&2000]).for_each(|id| assert!(queue.find(*id, 1)));
+            queue.order(|_, _| (), |vertex| (vertex < 2000).then_some((vertex, vertex + 5)));
             let mut order = Vec::new();
             while let Some(born) = queue.next(|_, _| ()) {
                 order.push(born - 5);
@@ -148,7 +169,7 @@ mod tests {
     #[test]
     fn what_does_not_fit_is_refused() {
         let mut queue = CollapseQueue::new(8);
-        assert_eq!((0..9).filter(|id| queue.add(*id, 0)).count(), 5);
+        assert!(queue.find(0, 0b1011) && !queue.find(64, 0b111) && queue.len() == 5 && !queue.find(128, 1));
         assert_eq!((0..9).filter(|id| queue.follow(*id, 0)).count(), 5);
     }
 }

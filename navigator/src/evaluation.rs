@@ -38,8 +38,11 @@ use metanode::page::NormalCone;
 
 use crate::view::Sphere;
 
-/// How many nodes a block has.
+/// How many nodes a block has: those that are judged in one go.
 pub const BLOCK: usize = 64;
+
+/// How many nodes a group has.
+pub const GROUP: usize = 8;
 
 /// By how much the error of what cannot be seen is divided.
 pub const UNSEEN_DIVISOR: f32 = 16.0;
@@ -53,28 +56,68 @@ const ROUNDING: f32 = 1e-5;
 /// The square of what part of `|g|` `2 r` may be: all angles together stay below 180 degrees.
 const MOST_DRIFT: f32 = 0.8;
 
-/// What the errors of a block of nodes depend on, but for their positions.
-#[derive(Debug, Clone, PartialEq)]
-#[repr(C, align(64))]
+/// What the errors of a group of nodes depend on, but for their positions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C)]
 pub struct Criteria {
     /// Radii of the spheres that hold all that is under the nodes, in mesh units.
-    pub radius: [f32; BLOCK],
+    pub radius: [f32; GROUP],
     /// Switch values, in mesh units. A negative one never exceeds a threshold, infinity always does.
-    pub switch: [f32; BLOCK],
+    pub switch: [f32; GROUP],
     /// Normal cones, by [`NormalCone::to_word`].
-    pub cone: [u32; BLOCK],
+    pub cone: [u32; GROUP],
 }
 
 impl Criteria {
     /// Criteria of places that hold no node, all with this switch value.
     pub const fn vacant(switch: f32) -> Self {
-        Criteria { radius: [0.0; BLOCK], switch: [switch; BLOCK], cone: [0; BLOCK] }
+        Criteria { radius: [0.0; GROUP], switch: [switch; GROUP], cone: [0; GROUP] }
     }
 
-    /// Sets the criteria at one place of the block.
+    /// Sets the criteria at one place of the group.
+    #[inline]
     pub fn set(&mut self, place: usize, radius: f32, switch: f32, cone: NormalCone) {
         (self.radius[place], self.switch[place], self.cone[place]) = (radius, switch, cone.to_word());
     }
+
+    /// Sets them to those at a place of another group.
+    pub fn copy(&mut self, place: usize, from: &Self, from_place: usize) {
+        (self.radius[place], self.switch[place], self.cone[place]) =
+            (from.radius[from_place], from.switch[from_place], from.cone[from_place]);
+    }
+}
+
+/// What decides about changes at a group of vertices, in three cache lines.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C, align(64))]
+pub struct Group {
+    /// Whether the nodes there are to be split.
+    pub split: Criteria,
+    /// Whether the nodes that can be restored there are to be.
+    pub collapse: Criteria,
+}
+
+/// The groups of a block.
+pub type Groups = [Group; BLOCK / GROUP];
+
+/// What the tests say of a block.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Judged {
+    /// A bit for each node that is to be split, the lowest for the first.
+    pub split: u64,
+    /// The same for the nodes that are to be restored.
+    pub collapse: u64,
+    /// The error in pixels of each node that is to be split; anything for the others.
+    pub errors: [f32; BLOCK],
+}
+
+/// What can be in the picture of a block.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seen {
+    /// The largest switch value, 0 where nothing is seen.
+    pub switch: f32,
+    /// The largest error in pixels above the threshold; 0 where there is none.
+    pub error: f32,
 }
 
 /// The test of nodes against a threshold: see [`View::splits`](crate::view::View::splits) and
@@ -94,7 +137,7 @@ impl Test {
     /// Whether the error of the node is above the threshold.
     #[inline]
     pub fn is_exceeded(&self, sphere: &Sphere) -> bool {
-        self.criterion.weigh_any(sphere.into()).is_above(self.ratio)
+        self.criterion.weigh_any(sphere).is_above(self.ratio)
     }
 
     /// The error of the node in pixels, as this test sees it.
@@ -106,41 +149,182 @@ impl Test {
     /// The error in pixels, where it is above the threshold.
     #[inline]
     pub fn exceeded(&self, sphere: &Sphere) -> Option<f32> {
-        self.is_exceeded(sphere).then(|| self.error(sphere))
+        let weighed = self.criterion.weigh_any(sphere);
+        weighed.is_above(self.ratio).then(|| weighed.pixels(self.criterion.scale))
     }
 
     /// For which nodes of a block the error is above the threshold: one bit for each, the lowest for the first; for each
     /// just what [`Test::is_exceeded`] says. The fourth number of a position is not looked at.
-    pub fn exceeding(&self, positions: &[[f32; 4]; BLOCK], criteria: &Criteria) -> u64 {
+    pub fn exceeding(&self, positions: &[[f32; 4]; BLOCK], groups: &Groups) -> u64 {
+        self.run(Exceeding { positions, groups })
+    }
+
+    /// What this test says of the nodes of a block, and `collapse`, of the same view, of those that can be restored there.
+    pub fn judge(&self, collapse: &Test, positions: &[[f32; 4]; BLOCK], groups: &Groups) -> Judged {
+        self.run(Judge { collapse, positions, groups })
+    }
+
+    /// What of a block can be in the picture, and its largest error where this test is exceeded.
+    pub fn seen(&self, positions: &[[f32; 4]; BLOCK], groups: &Groups) -> Seen {
+        self.run(Look { positions, groups })
+    }
+
+    /// Runs a loop in the widest vectors that the machine has.
+    fn run<L: Loop>(&self, block: L) -> L::Result {
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") {
             // SAFETY: AVX2 is all that the function asks of the machine, and it is there.
-            return unsafe { self.exceeding_with_avx2(positions, criteria) };
+            return unsafe { self.run_with_avx2(block) };
         }
-        self.exceeding_in_loop(positions, criteria)
+        self.run_in_loop(block)
     }
 
     /// The same loop in vectors of eight: 1.7 times as fast.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
-    fn exceeding_with_avx2(&self, positions: &[[f32; 4]; BLOCK], criteria: &Criteria) -> u64 {
-        self.exceeding_in_loop(positions, criteria)
+    fn run_with_avx2<L: Loop>(&self, block: L) -> L::Result {
+        self.run_in_loop(block)
     }
 
     #[inline(always)]
-    fn exceeding_in_loop(&self, positions: &[[f32; 4]; BLOCK], criteria: &Criteria) -> u64 {
-        if self.criterion.has_highlights() {
-            self.criterion.exceeding::<true>(self.ratio, positions, criteria)
-        } else {
-            self.criterion.exceeding::<false>(self.ratio, positions, criteria)
-        }
+    fn run_in_loop<L: Loop>(&self, block: L) -> L::Result {
+        if self.criterion.has_highlights() { block.run::<true>(self) } else { block.run::<false>(self) }
     }
 }
 
-/// A node, as far as its error depends on it.
+/// A loop over a block.
+trait Loop {
+    type Result;
+
+    fn run<const HIGHLIGHTS: bool>(self, test: &Test) -> Self::Result;
+}
+
+/// The numbers of a block one kind after the other, so that the loops over them are ones of vectors to their ends.
+struct Coordinates {
+    x: [f32; BLOCK],
+    y: [f32; BLOCK],
+    z: [f32; BLOCK],
+}
+
+impl Coordinates {
+    #[inline(always)]
+    fn of(positions: &[[f32; 4]; BLOCK]) -> Self {
+        Coordinates {
+            x: std::array::from_fn(|place| positions[place][0]),
+            y: std::array::from_fn(|place| positions[place][1]),
+            z: std::array::from_fn(|place| positions[place][2]),
+        }
+    }
+
+    #[inline(always)]
+    fn at(&self, place: usize) -> [f32; 3] {
+        [self.x[place], self.y[place], self.z[place]]
+    }
+}
+
+/// The same for what decides.
+struct Flat {
+    radius: [f32; BLOCK],
+    switch: [f32; BLOCK],
+    cone: [u32; BLOCK],
+}
+
+impl Flat {
+    #[inline(always)]
+    fn of(groups: &Groups, kind: impl Fn(&Group) -> &Criteria) -> Self {
+        let mut flat = Flat { radius: [0.0; BLOCK], switch: [0.0; BLOCK], cone: [0; BLOCK] };
+        for (group, first) in groups.iter().zip((0..).step_by(GROUP)) {
+            let Criteria { radius, switch, cone } = kind(group);
+            flat.radius[first..first + GROUP].copy_from_slice(radius);
+            flat.switch[first..first + GROUP].copy_from_slice(switch);
+            flat.cone[first..first + GROUP].copy_from_slice(cone);
+        }
+        flat
+    }
+
+    #[inline(always)]
+    fn at(&self, place: usize) -> Node {
+        Node { radius: self.radius[place], switch: self.switch[place], cone: self.cone[place] }
+    }
+}
+
+struct Exceeding<'a> {
+    positions: &'a [[f32; 4]; BLOCK],
+    groups: &'a Groups,
+}
+
+impl Loop for Exceeding<'_> {
+    type Result = u64;
+
+    #[inline(always)]
+    fn run<const HIGHLIGHTS: bool>(self, test: &Test) -> u64 {
+        let (coordinates, nodes) = (Coordinates::of(self.positions), Flat::of(self.groups, |group| &group.split));
+        let mut is_above = [0_u8; BLOCK];
+        for place in 0..BLOCK {
+            let from_eye = test.criterion.look_at(coordinates.at(place));
+            let weighed = test.criterion.weigh::<HIGHLIGHTS>(&from_eye, nodes.at(place));
+            is_above[place] = u8::from(weighed.is_above(test.ratio));
+        }
+        mask(&is_above)
+    }
+}
+
+struct Judge<'a> {
+    collapse: &'a Test,
+    positions: &'a [[f32; 4]; BLOCK],
+    groups: &'a Groups,
+}
+
+impl Loop for Judge<'_> {
+    type Result = Judged;
+
+    /// Most of the work, where a vertex is seen from the eye, is done once for both tests.
+    #[inline(always)]
+    fn run<const HIGHLIGHTS: bool>(self, test: &Test) -> Judged {
+        let coordinates = Coordinates::of(self.positions);
+        let (of_split, of_collapse) =
+            (Flat::of(self.groups, |group| &group.split), Flat::of(self.groups, |group| &group.collapse));
+        let (mut is_split, mut is_kept) = ([0_u8; BLOCK], [0_u8; BLOCK]);
+        let mut errors = [0.0; BLOCK];
+        for place in 0..BLOCK {
+            let from_eye = test.criterion.look_at(coordinates.at(place));
+            let split = test.criterion.weigh::<HIGHLIGHTS>(&from_eye, of_split.at(place));
+            let collapse = self.collapse.criterion.weigh::<HIGHLIGHTS>(&from_eye, of_collapse.at(place));
+            is_split[place] = u8::from(split.is_above(test.ratio));
+            is_kept[place] = u8::from(collapse.is_above(self.collapse.ratio));
+            errors[place] = split.pixels(test.criterion.scale);
+        }
+        Judged { split: mask(&is_split), collapse: !mask(&is_kept), errors }
+    }
+}
+
+struct Look<'a> {
+    positions: &'a [[f32; 4]; BLOCK],
+    groups: &'a Groups,
+}
+
+impl Loop for Look<'_> {
+    type Result = Seen;
+
+    #[inline(always)]
+    fn run<const HIGHLIGHTS: bool>(self, test: &Test) -> Seen {
+        let (coordinates, nodes) = (Coordinates::of(self.positions), Flat::of(self.groups, |group| &group.split));
+        let (mut switches, mut errors) = ([0.0_f32; BLOCK], [0.0_f32; BLOCK]);
+        for place in 0..BLOCK {
+            let (from_eye, node) = (test.criterion.look_at(coordinates.at(place)), nodes.at(place));
+            let weighed = test.criterion.weigh::<HIGHLIGHTS>(&from_eye, node);
+            let is_seen = from_eye.beyond - node.radius * test.criterion.unit <= 0.0;
+            switches[place] = select(is_seen, node.switch, 0.0);
+            errors[place] = select(is_seen & weighed.is_above(test.ratio), weighed.pixels(test.criterion.scale), 0.0);
+        }
+        let largest = |values: &[f32; BLOCK]| values.iter().copied().fold(0.0, larger);
+        Seen { switch: largest(&switches), error: largest(&errors) }
+    }
+}
+
+/// A node, as far as its error depends on it, but for where it stands.
 #[derive(Clone, Copy)]
 struct Node {
-    position: [f32; 3],
     radius: f32,
     switch: f32,
     cone: u32,
@@ -149,8 +333,8 @@ struct Node {
 impl From<&Sphere> for Node {
     #[inline(always)]
     fn from(sphere: &Sphere) -> Self {
-        let Sphere { position, radius, switch, cone } = *sphere;
-        Node { position, radius, switch, cone: cone.to_word() }
+        let Sphere { radius, switch, cone, .. } = *sphere;
+        Node { radius, switch, cone: cone.to_word() }
     }
 }
 
@@ -169,6 +353,19 @@ impl Weighed {
         // What is always to exceed does so even where that is no number any more.
         self.weight > smaller(ratio * self.room, f32::MAX)
     }
+
+    #[inline(always)]
+    fn pixels(self, scale: f32) -> f32 {
+        self.weight * scale / self.room
+    }
+}
+
+/// A place as it is seen from the eye, in the unit of the view.
+struct FromEye {
+    view: [f32; 3],
+    length: f32,
+    /// How far it is beyond the plane of the frustum that it is farthest beyond; negative inside.
+    beyond: f32,
 }
 
 /// The numbers that the criterion takes of a view, see the module.
@@ -232,50 +429,43 @@ fn select(condition: bool, yes: f32, no: f32) -> f32 {
 impl Criterion {
     /// Whether the sphere can reach into the picture.
     pub(crate) fn can_see(&self, sphere: &Sphere) -> bool {
-        self.outside(self.seen_from_eye(sphere.position), sphere.radius * self.unit) <= 0.0
+        self.look_at(sphere.position).beyond - sphere.radius * self.unit <= 0.0
     }
 
     /// The error of a node in pixels.
     #[inline]
     pub(crate) fn error(&self, sphere: &Sphere) -> f32 {
-        let Weighed { weight, room } = self.weigh_any(sphere.into());
-        weight * self.scale / room
+        self.weigh_any(sphere).pixels(self.scale)
     }
 
     fn has_highlights(&self) -> bool {
         self.highlight > 0.0
     }
 
-    /// The vector from the eye to a point, in mesh units.
     #[inline(always)]
-    fn seen_from_eye(&self, position: [f32; 3]) -> [f32; 3] {
-        [position[0] - self.eye[0], position[1] - self.eye[1], position[2] - self.eye[2]]
-    }
-
-    /// How far the sphere is outside the frustum, in the unit of the view; not positive where it reaches into it.
-    #[inline(always)]
-    fn outside(&self, to_node: [f32; 3], radius: f32) -> f32 {
+    fn look_at(&self, position: [f32; 3]) -> FromEye {
+        let to_node = [position[0] - self.eye[0], position[1] - self.eye[1], position[2] - self.eye[2]];
+        let view = [to_node[0] * self.unit, to_node[1] * self.unit, to_node[2] * self.unit];
         let behind = dot(self.backward, to_node);
         let beside = self.side[0] * dot(self.right, to_node).abs() + self.side[1] * behind;
         let above = self.top[0] * dot(self.up, to_node).abs() + self.top[1] * behind;
-        larger(larger(beside, above), behind) - radius
+        FromEye { view, length: dot(view, view).sqrt(), beyond: larger(larger(beside, above), behind) }
     }
 
     #[inline(always)]
-    fn weigh_any(&self, node: Node) -> Weighed {
-        if self.has_highlights() { self.weigh::<true>(node) } else { self.weigh::<false>(node) }
+    fn weigh_any(&self, sphere: &Sphere) -> Weighed {
+        let (from_eye, node) = (self.look_at(sphere.position), sphere.into());
+        if self.has_highlights() { self.weigh::<true>(&from_eye, node) } else { self.weigh::<false>(&from_eye, node) }
     }
 
     /// The criterion. What is off costs next to nothing in it, highlights excepted.
     #[inline(always)]
-    fn weigh<const HIGHLIGHTS: bool>(&self, node: Node) -> Weighed {
-        let to_node = self.seen_from_eye(node.position);
-        let view = [to_node[0] * self.unit, to_node[1] * self.unit, to_node[2] * self.unit];
+    fn weigh<const HIGHLIGHTS: bool>(&self, from_eye: &FromEye, node: Node) -> Weighed {
+        let FromEye { view, length, beyond } = *from_eye;
         let radius = node.radius * self.unit;
-        let length = dot(view, view).sqrt();
         let reach = larger(length + radius, self.nearest);
         let distance = larger(length - radius, self.nearest);
-        let inside = smaller(reach, self.widened * reach - self.slope * self.outside(to_node, radius));
+        let inside = smaller(reach, self.widened * reach - self.slope * (beyond - radius));
 
         // Three signed bytes, and one without a sign.
         let byte = |shift: u32| ((node.cone << shift) as i32 >> 24) as f32;
@@ -305,26 +495,6 @@ impl Criterion {
             finer = larger(finer, 1.0 + select(is_lit, self.highlight, 0.0));
         }
         Weighed { weight: node.switch * self.unit * (share * finer), room: distance * reach }
-    }
-
-    #[inline(always)]
-    fn exceeding<const HIGHLIGHTS: bool>(&self, ratio: f32, positions: &[[f32; 4]; BLOCK], criteria: &Criteria) -> u64 {
-        // Apart from the loop, which else would not be one of vectors to its end: the last of the fourth numbers is not
-        // read.
-        let x: [f32; BLOCK] = std::array::from_fn(|place| positions[place][0]);
-        let y: [f32; BLOCK] = std::array::from_fn(|place| positions[place][1]);
-        let z: [f32; BLOCK] = std::array::from_fn(|place| positions[place][2]);
-        let mut is_above = [0_u8; BLOCK];
-        for place in 0..BLOCK {
-            let node = Node {
-                position: [x[place], y[place], z[place]],
-                radius: criteria.radius[place],
-                switch: criteria.switch[place],
-                cone: criteria.cone[place],
-            };
-            is_above[place] = u8::from(self.weigh::<HIGHLIGHTS>(node).is_above(ratio));
-        }
-        mask(&is_above)
     }
 }
 
@@ -363,7 +533,9 @@ mod tests {
     fn places_without_a_node_exceed_nothing() {
         let camera: Camera = "-10 0 0 0 0 0 0 0 1 60".parse().unwrap();
         let view = View::new(&camera, MODEL.header(), 1920, 1080, &ViewParameters::default()).unwrap();
-        assert_eq!(view.splits(0.0).exceeding(&[[0.0; 4]; BLOCK], &Criteria::vacant(-1.0)), 0);
+        let vacant = Group { split: Criteria::vacant(-1.0), collapse: Criteria::vacant(f32::INFINITY) };
+        let judged = view.splits(0.0).judge(&view.collapses(0.0), &[[0.0; 4]; BLOCK], &[vacant; BLOCK / GROUP]);
+        assert_eq!((judged.split, judged.collapse), (0, 0));
     }
 
     proptest! {
@@ -382,20 +554,40 @@ mod tests {
             let light = light.map(|(direction, highlights)| Light { direction: direction.into(), highlights });
             let parameters = ViewParameters { frustum, cones, silhouettes, light };
             let view = View::new(&camera, MODEL.header(), 1920, 1080, &parameters).unwrap();
-            let (mut positions, mut criteria) = ([[fourth; 4]; BLOCK], Criteria::vacant(-1.0));
+            let mut positions = [[fourth; 4]; BLOCK];
+            let vacant = Criteria::vacant(-1.0);
+            let mut groups = [Group { split: vacant, collapse: vacant }; BLOCK / GROUP];
+            // What can be restored at a place is another node that stands there.
+            let restored = |place: usize| Sphere { position: nodes[place].position, ..nodes[BLOCK - 1 - place] };
             for (place, node) in nodes.iter().enumerate() {
                 positions[place][..3].copy_from_slice(&node.position);
-                criteria.set(place, node.radius, node.switch, node.cone);
+                let (group, above) = (&mut groups[place / GROUP], restored(place));
+                group.split.set(place % GROUP, node.radius, node.switch, node.cone);
+                group.collapse.set(place % GROUP, above.radius, above.switch, above.cone);
             }
             let at_node = view.pixel_error(&nodes[number]).clamp(0.0, 1e30);
             for threshold in [0.0, 1.0, 100.0, at_node, f32::from_bits(at_node.to_bits().saturating_sub(1))] {
-                for test in [view.splits(threshold), view.collapses(threshold)] {
+                let (splits, collapses) = (view.splits(threshold), view.collapses(threshold));
+                for test in [splits, collapses] {
                     let single = |place: usize| u64::from(test.is_exceeded(&nodes[place])) << place;
                     let expected = (0..BLOCK).map(single).sum::<u64>();
-                    prop_assert_eq!(test.exceeding(&positions, &criteria), expected);
+                    prop_assert_eq!(test.exceeding(&positions, &groups), expected);
                     // Without AVX2.
-                    prop_assert_eq!(test.exceeding_in_loop(&positions, &criteria), expected);
+                    prop_assert_eq!(test.run_in_loop(Exceeding { positions: &positions, groups: &groups }), expected);
                 }
+                let judged = splits.judge(&collapses, &positions, &groups);
+                let seen = splits.seen(&positions, &groups);
+                let (mut switch, mut error) = (0.0_f32, 0.0_f32);
+                for (place, node) in nodes.iter().enumerate() {
+                    let exceeded = splits.exceeded(node);
+                    prop_assert_eq!(judged.split >> place & 1 == 1, exceeded.is_some());
+                    prop_assert!(exceeded.is_none_or(|error| error.to_bits() == judged.errors[place].to_bits()));
+                    prop_assert_eq!(judged.collapse >> place & 1 == 0, collapses.is_exceeded(&restored(place)));
+                    if view.can_see(node) {
+                        (switch, error) = (switch.max(node.switch), error.max(exceeded.unwrap_or(0.0)));
+                    }
+                }
+                prop_assert_eq!((seen.switch, seen.error), (switch, error));
             }
         }
     }

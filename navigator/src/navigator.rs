@@ -19,7 +19,6 @@ use std::time::{Duration, Instant};
 
 use metanode::header::ModelError;
 use metanode::model::Model;
-use metanode::page::NormalCone;
 use metanode::statement::{Drawn, is_proven, sum_not_below};
 use metanode::vanished::VanishedParts;
 use metanode::{DecodedFile, Statement};
@@ -39,7 +38,7 @@ use crate::prediction::{self, Predictor};
 use crate::refine::{Chain, Outcome, PATIENCE, Refiner, want};
 use crate::split_queue::SplitQueue;
 use crate::statistics::FrameStatistics;
-use crate::view::{Sphere, View};
+use crate::view::View;
 use crate::view_parameters::{ViewParameters, ViewParametersError};
 use crate::window::Window;
 
@@ -63,8 +62,8 @@ const FRAMES_TO_CLEAR: u32 = 8;
 const STARVED_FRAMES: u32 = 2 * HOLD_FRAMES;
 /// Most splits and collapses in a frame, if nothing else is said: they take 5 to 10 ms.
 pub const MAX_ADAPTS: u64 = 16_000;
-/// Most triangles that a frame moves to gaps in their list.
-const GAPS_CLOSED: usize = 64;
+/// Most triangles, and most vertices, that a frame moves to gaps in their lists.
+const GAPS_CLOSED: usize = 512;
 /// How many frames ahead pages are prefetched.
 const FRAMES_AHEAD: f64 = 16.0;
 /// What part of the threshold the error of a node must be then.
@@ -179,7 +178,7 @@ pub enum NavigatorError {
 /// A vertex of the drawn mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ActiveNode {
-    /// Number of the node in the front: below [`Navigator::node_bound`], kept while the node is active.
+    /// Number of the node in the front: below [`Navigator::node_bound`]. A frame may change it.
     pub node: u32,
     /// The leaf whose position it has: the first under it.
     pub leaf: u32,
@@ -621,26 +620,27 @@ impl Navigator {
         split_queue.clear();
         collapse_queue.clear();
         let front = &self.front;
-        let (mut waits, mut full_at) = (false, None);
+        let mut full_at = None;
         let from = std::mem::take(&mut self.collapses_from);
-        for (first, positions, of_split, of_collapse) in front.blocks() {
-            for place in bits(for_split.exceeding(positions, of_split)) {
-                split_queue.push(first + place, for_split.error(&front.sphere(first + place)) / threshold);
+        for (first, positions, groups) in front.blocks() {
+            let judged = for_split.judge(&for_collapse, positions, groups);
+            for place in bits(judged.split) {
+                split_queue.push(first + place, judged.errors[place as usize] / threshold);
             }
-            if first < from || full_at.is_some() {
-                continue;
-            }
-            for place in bits(!for_collapse.exceeding(positions, of_collapse)) {
-                let born = front.last_born(first + place);
-                if front.collapse_is_deferred(born, self.patience_clock, PATIENCE) {
-                    waits = true;
-                } else if !collapse_queue.add(front.id_above(born), born) {
-                    full_at = Some(first);
-                    break;
-                }
+            if first >= from && full_at.is_none() && !collapse_queue.find(first, judged.collapse) {
+                full_at = Some(first);
             }
         }
-        collapse_queue.sort();
+        let (clock, mut waits) = (self.patience_clock, false);
+        collapse_queue.order(
+            |vertex, step| front.prefetch_last_born(vertex, step),
+            |vertex| {
+                let born = front.last_born(vertex);
+                let is_deferred = front.collapse_is_deferred(born, clock, PATIENCE);
+                waits |= is_deferred;
+                (!is_deferred).then(|| (front.id_above(born), born))
+            },
+        );
         // Where there are too many, as many as are kept from it by their neighbours: the next frame goes on from there. When
         // they have all had their turn and nothing has changed, nothing will.
         self.collapses_from = full_at.unwrap_or(0);
@@ -655,22 +655,31 @@ impl Navigator {
     /// Names the pages that will probably be needed by and by: those of the active nodes whose error will be near the
     /// threshold where the camera will probably be, see [`prediction`](crate::prediction). A part of the front in each frame.
     fn wish_ahead(&mut self, now: &View, threshold: f32) -> Result<(), NavigatorError> {
-        let Some(camera) = self.predictor.ahead(FRAMES_AHEAD).filter(|_| self.options.prefetch) else { return Ok(()) };
+        let listens = self.options.prefetch && !self.paging.has_all_pages();
+        let Some(camera) = self.predictor.ahead(FRAMES_AHEAD).filter(|_| listens) else { return Ok(()) };
         let then = self.view(&camera)?;
         // The test for collapses has a wider frustum: a node beside the picture may be forced by one in it.
         let (for_wish, then, now) =
             (then.collapses(threshold * LEAST_WISH), then.splits(threshold), now.splits(threshold));
         let part = self.frame as usize % SWEEP_FRAMES;
-        let blocks = self.front.blocks().zip(self.front.leads_out());
-        for ((first, positions, criteria, _), leads_out) in blocks.skip(part).step_by(SWEEP_FRAMES) {
-            for place in bits(for_wish.exceeding(positions, criteria) & leads_out) {
-                let vertex = first + place;
-                if self.paging.is_used(self.front.place(vertex).0) {
+        let (front, paging) = (&self.front, &mut self.paging);
+        let blocks = front.blocks().zip(front.leads_out()).skip(part).step_by(SWEEP_FRAMES);
+        let found = blocks.map(|((first, positions, groups), leads_out)| {
+            let found = for_wish.exceeding(positions, groups) & leads_out;
+            bits(found).for_each(|place| front.prefetch_last_born(first + place, 0));
+            (first, found)
+        });
+        // While one block is looked at, the vertices of the next are fetched.
+        let mut before = (0, 0);
+        for block in found.chain([(0, 0)]) {
+            let (first, found) = std::mem::replace(&mut before, block);
+            for vertex in bits(found).map(|place| first + place) {
+                if paging.is_used(front.place(vertex).0) {
                     continue;
                 }
-                let sphere = self.front.sphere(vertex);
+                let sphere = front.sphere(vertex);
                 let priority = prediction::priority(now.error(&sphere), then.error(&sphere), threshold);
-                self.paging.wish(&want(&self.front, vertex, priority));
+                paging.wish(&want(front, vertex, priority));
             }
         }
         Ok(())
@@ -747,15 +756,12 @@ impl Navigator {
                 },
             )
         {
-            // Forced before, or undone since.
-            let is_wish = refiner.front.is_vertex(vertex)
-                && !refiner.front.is_leaf(vertex)
-                && for_split.is_exceeded(&refiner.front.sphere(vertex));
-            if !is_wish {
+            let is_node = refiner.front.is_vertex(vertex) && !refiner.front.is_leaf(vertex);
+            // Else it was forced before, or undone since.
+            let Some(error) = is_node.then(|| for_split.exceeded(&refiner.front.sphere(vertex))).flatten() else {
                 continue;
-            }
-            let error = for_split.error(&refiner.front.sphere(vertex)) / threshold.max(f32::MIN_POSITIVE);
-            let refinement = refiner.split(vertex, error)?;
+            };
+            let refinement = refiner.split(vertex, error / threshold.max(f32::MIN_POSITIVE))?;
             for born in refiner.born() {
                 let front = &refiner.front;
                 for child in [front.kept(born), born].into_iter().filter(|child| !front.is_leaf(*child)) {
@@ -858,24 +864,10 @@ impl Navigator {
     /// above the threshold, else the threshold.
     fn drawn(&self, view: &View, threshold: f32) -> (f32, f32) {
         let test = view.splits(threshold);
-        let (mut switch, mut pixels) = (0.0, threshold);
-        for (first, positions, criteria, _) in self.front.blocks() {
-            for ([x, y, z, _], place) in positions.iter().zip(0..) {
-                let node_switch = criteria.switch[place];
-                let cone = NormalCone::from_word(criteria.cone[place]);
-                let (position, radius) = ([*x, *y, *z], criteria.radius[place]);
-                if node_switch > switch && view.can_see(&Sphere { position, radius, switch: node_switch, cone }) {
-                    switch = node_switch;
-                }
-            }
-            for place in bits(test.exceeding(positions, criteria)) {
-                let sphere = self.front.sphere(first + place);
-                if view.can_see(&sphere) {
-                    pixels = pixels.max(test.error(&sphere));
-                }
-            }
-        }
-        (switch, pixels)
+        let seen = self.front.blocks().map(|(_, positions, groups)| test.seen(positions, groups));
+        seen.fold((0.0, threshold), |(switch, pixels): (f32, f32), seen| {
+            (switch.max(seen.switch), pixels.max(seen.error))
+        })
     }
 }
 

@@ -271,7 +271,9 @@ impl Paging {
             return Some(slot_above);
         }
         match &self.executor {
-            Executor::Nobody(_) => Some(page).filter(|page| self.usage.get(*page as usize).is_some_and(|usage| *usage > 0)),
+            Executor::Nobody(_) => {
+                Some(page).filter(|page| self.usage.get(*page as usize).is_some_and(|usage| *usage > 0))
+            }
             _ => self.slot_of_page.get(&page).copied(),
         }
     }
@@ -374,6 +376,11 @@ impl Paging {
         }
     }
 
+    /// Whether all pages of the model are there: then there is nothing to wish for.
+    pub fn has_all_pages(&self) -> bool {
+        self.pool.ready() == self.model.header().page_count as usize
+    }
+
     /// Whether a page is in use.
     #[inline]
     pub fn is_used(&self, page: u32) -> bool {
@@ -414,7 +421,7 @@ impl Paging {
     /// A frame ends: what was wished in it and the last ones is the prefetch list from now on. True if there is anything to be
     /// read on it that may find room.
     pub fn end_frame(&mut self) -> bool {
-        if !self.prefetch {
+        if !self.prefetch || (self.wants.is_empty() && self.has_all_pages()) {
             return false;
         }
         self.limit_wants();
@@ -464,7 +471,7 @@ impl Paging {
             NONE => self.model.roots()[want.root as usize].page,
             slot => {
                 let page = self.page(slot);
-                let child = want.page.wrapping_sub(page.child_location(0).number);
+                let child = want.page.wrapping_sub(page.child_number(0));
                 page.child_location(child as usize)
             }
         }

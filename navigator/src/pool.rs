@@ -614,6 +614,12 @@ impl Pool {
         self.state.lock().in_use
     }
 
+    /// Slots in which there is a page.
+    pub fn ready(&self) -> usize {
+        let state = self.state.lock();
+        state.table.len() - state.loading
+    }
+
     /// Slots whose page is in use or above one that is.
     pub fn needed(&self) -> usize {
         self.state.lock().needed

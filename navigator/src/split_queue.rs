@@ -6,6 +6,8 @@
 //!
 //! Memory: 4 bytes for each vertex of the front.
 
+use storage::prefetch::prefetch;
+
 use crate::front::NONE;
 
 /// Lists: for errors up to 2^32 times the threshold, and one for what is beyond.
@@ -66,6 +68,7 @@ impl SplitQueue {
             self.filled &= !(1 << list);
         }
         self.length -= 1;
+        prefetch(&self.next, self.firsts[list] as usize);
         Some(vertex)
     }
 

@@ -6,11 +6,13 @@ const STEPS: usize = 5;
 const APART: usize = 4;
 /// Changes in the window.
 const LENGTH: usize = STEPS * APART;
+/// Places for them: a power of two.
+const PLACES: usize = LENGTH.next_power_of_two();
 
 /// A queue of the changes that are next, with their places for the steps.
 #[derive(Debug, Default)]
 pub struct Window {
-    changes: [u32; LENGTH],
+    changes: [u32; PLACES],
     /// Counts the changes put in, and those taken out.
     put: usize,
     taken: usize,
@@ -27,15 +29,15 @@ impl Window {
     pub fn next(&mut self, mut more: impl FnMut() -> Option<u32>, mut fetch: impl FnMut(u32, usize)) -> Option<u32> {
         while self.put - self.taken < LENGTH {
             let Some(change) = more() else { break };
-            self.changes[self.put % LENGTH] = change;
+            self.changes[self.put % PLACES] = change;
             self.put += 1;
             for step in 0..STEPS {
                 if let Some(index) = self.put.checked_sub(1 + step * APART).filter(|index| *index >= self.taken) {
-                    fetch(self.changes[index % LENGTH], step);
+                    fetch(self.changes[index % PLACES], step);
                 }
             }
         }
-        let change = (self.taken < self.put).then(|| self.changes[self.taken % LENGTH])?;
+        let change = (self.taken < self.put).then(|| self.changes[self.taken % PLACES])?;
         self.taken += 1;
         Some(change)
     }

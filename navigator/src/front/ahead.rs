@@ -3,7 +3,7 @@
 //!
 //! Stars beyond their first line are left out.
 
-use super::{Birth, CHUNK, Front, NEXT, NONE};
+use super::{Birth, Front, GROUP, NEXT, NONE, Vertex};
 use storage::prefetch::prefetch;
 
 impl Front {
@@ -11,19 +11,12 @@ impl Front {
     #[inline]
     pub fn prefetch_for_split(&self, vertex: u32, step: usize) {
         match step {
-            0 => {
-                prefetch(&self.links, vertex as usize);
-                prefetch(&self.spans, vertex as usize);
-                prefetch(&self.births, vertex as usize);
-            }
+            0 => prefetch(&self.vertices, vertex as usize),
             1 => {
-                let links = &self.links[vertex as usize];
+                let Vertex { links, birth, .. } = &self.vertices[vertex as usize];
                 self.stars.prefetch(links.star);
-                // Its place holder is that of the parent, most often.
-                prefetch(&self.births, links.last as usize);
-                if links.last == NONE {
-                    prefetch(&self.links, self.births[vertex as usize].kept as usize);
-                }
+                // Its place holder is that of the parent.
+                prefetch(&self.vertices, if links.last == NONE { birth.kept } else { links.last } as usize);
                 self.prefetch_criteria(vertex);
             }
             2 => self.prefetch_triangles(vertex),
@@ -32,33 +25,41 @@ impl Front {
         }
     }
 
+    /// A step towards knowing which vertex was born last from this one, and as what.
+    #[inline]
+    pub fn prefetch_last_born(&self, vertex: u32, step: usize) {
+        match step {
+            0 => prefetch(&self.vertices, vertex as usize),
+            _ => {
+                let last = self.vertices[vertex as usize].links.last as usize;
+                prefetch(&self.vertices, last);
+                prefetch(&self.not_before, last);
+            }
+        }
+    }
+
     /// A step towards the collapse into a vertex: that of the split that bore a vertex last.
     #[inline]
     pub fn prefetch_for_collapse(&self, born: u32, step: usize) {
         match step {
             0 => {
-                prefetch(&self.links, born as usize);
-                prefetch(&self.spans, born as usize);
-                prefetch(&self.births, born as usize);
+                prefetch(&self.vertices, born as usize);
                 self.prefetch_criteria(born);
             }
             1 => {
-                let Birth { kept, previous, .. } = self.births[born as usize];
+                let Vertex { links, birth: Birth { kept, previous, .. }, .. } = self.vertices[born as usize];
                 if kept != NONE {
-                    prefetch(&self.links, kept as usize);
-                    prefetch(&self.spans, kept as usize);
-                    prefetch(&self.births, kept as usize);
+                    prefetch(&self.vertices, kept as usize);
                     self.prefetch_criteria(kept);
                 }
                 // What can be undone next.
-                prefetch(&self.births, previous as usize);
-                prefetch(&self.links, previous as usize);
-                self.stars.prefetch(self.links[born as usize].star);
+                prefetch(&self.vertices, previous as usize);
+                self.stars.prefetch(links.star);
             }
             2 => {
-                let kept = self.births[born as usize].kept;
+                let kept = self.vertices[born as usize].birth.kept;
                 if kept != NONE {
-                    self.stars.prefetch(self.links[kept as usize].star);
+                    self.stars.prefetch(self.vertices[kept as usize].links.star);
                 }
                 self.prefetch_triangles(born);
             }
@@ -67,27 +68,27 @@ impl Front {
         }
     }
 
-    /// The parts of a vertex's criteria: two cache lines apart by what they are of.
+    /// A vertex's position and what decides there.
+    #[inline]
     fn prefetch_criteria(&self, vertex: u32) {
-        let (chunk, place) = (vertex as usize / CHUNK, vertex as usize % CHUNK);
-        for criteria in [&self.split_criteria, &self.collapse_criteria] {
-            if let Some(criteria) = criteria.get(chunk) {
-                prefetch(&criteria.radius, place);
-                prefetch(&criteria.switch, place);
-                prefetch(&criteria.cone, place);
+        prefetch(&self.positions, vertex as usize);
+        if let Some(group) = self.groups.get(vertex as usize / GROUP) {
+            for criteria in [&group.split, &group.collapse] {
+                prefetch(&criteria.switch, vertex as usize % GROUP);
+                prefetch(&criteria.cone, vertex as usize % GROUP);
             }
         }
     }
 
     fn prefetch_triangles(&self, vertex: u32) {
-        for corner in self.stars.first_corners(self.links[vertex as usize].star) {
+        for corner in self.stars.first_corners(self.vertices[vertex as usize].links.star) {
             self.triangles.prefetch(corner >> 2);
         }
     }
 
     /// The vertices around one: each comes after it in one triangle of a closed ring.
     fn ring(&self, vertex: u32) -> impl Iterator<Item = u32> + '_ {
-        self.stars.first_corners(self.links[vertex as usize].star).iter().map(|corner| {
+        self.stars.first_corners(self.vertices[vertex as usize].links.star).iter().map(|corner| {
             // What was fetched a while ago may have changed since, but there is always something.
             let corners = self.triangles.list().get((corner >> 2) as usize).copied().unwrap_or_default();
             corners[NEXT[(corner & 3) as usize]]
@@ -96,14 +97,13 @@ impl Front {
 
     fn prefetch_ring(&self, vertex: u32) {
         for next in self.ring(vertex) {
-            prefetch(&self.spans, next as usize);
-            prefetch(&self.links, next as usize);
+            prefetch(&self.vertices, next as usize);
         }
     }
 
     fn prefetch_stars(&self, vertex: u32) {
         for next in self.ring(vertex) {
-            self.stars.prefetch(self.links[next as usize].star);
+            self.stars.prefetch(self.vertices[next as usize].links.star);
         }
     }
 }

@@ -6,7 +6,7 @@ impl Front {
     /// The vertex whose active node has `leaf` under it: first looked for around `near`, where it nearly always is.
     pub fn vertex_of(&self, leaf: u32, near: u32) -> u32 {
         let holds = |vertex: u32| {
-            let span = &self.spans[vertex as usize];
+            let span = &self.vertices[vertex as usize].span;
             span.start <= leaf && leaf < span.end
         };
         // In a closed ring each neighbour comes after the vertex in one triangle.
@@ -24,13 +24,13 @@ impl Front {
         let mut vertex = from;
         loop {
             // What was born from a vertex later has leaves before those of what was born earlier.
-            let mut next = self.links[vertex as usize].last;
-            if next == NONE || leaf < self.spans[next as usize].start {
+            let mut next = self.vertices[vertex as usize].links.last;
+            if next == NONE || leaf < self.vertices[next as usize].span.start {
                 return vertex;
             }
             loop {
-                let before = self.births[next as usize].previous;
-                if before == NONE || leaf < self.spans[before as usize].start {
+                let before = self.vertices[next as usize].birth.previous;
+                if before == NONE || leaf < self.vertices[before as usize].span.start {
                     break;
                 }
                 next = before;

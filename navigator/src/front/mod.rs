@@ -28,8 +28,11 @@
 //! All lists are allocated once and never grow. Nothing that comes from a page is trusted: what does not fit is a [`Misfit`],
 //! found before anything is changed ([`prepare`]).
 //!
-//! Memory: [`VERTEX_BYTES`] = 134 for each vertex with its star, and 12 for each triangle; 4 for each tree. Time: a split or a
-//! collapse looks at some 30 cache lines, which are fetched ahead ([`ahead`]).
+//! What belongs to a vertex is one cache line, but for its position, which a renderer takes as it is, and for what decides about
+//! changes there, which stands in groups of eight vertices, so that a whole front is judged in one stream.
+//!
+//! Memory: [`VERTEX_BYTES`] = 106 for each vertex, 68 for each line of its star, and 12 for each triangle; 4 for each tree. Time: a
+//! split or a collapse looks at some 30 cache lines, which are fetched ahead ([`ahead`]).
 
 mod ahead;
 mod changes;
@@ -51,7 +54,7 @@ use self::stars::Stars;
 pub use self::stars::{Entry, LINE_BYTES};
 use self::triangles::Triangles;
 pub use self::triangles::{TRIANGLE_BYTES, TRIANGLE_LIMIT};
-use crate::evaluation::{self, Criteria};
+use crate::evaluation::{self, Criteria, GROUP, Group, Groups};
 use crate::view::Sphere;
 use storage::prefetch::ask_for_large_pages;
 
@@ -62,12 +65,11 @@ pub const NONE: u32 = u32::MAX;
 /// The id of a collapse that there is not: later than everything.
 pub const NEVER: u32 = u32::MAX;
 /// Bytes that a vertex takes, without its star.
-pub const VERTEX_BYTES: usize =
-    size_of::<Span>() + size_of::<Links>() + size_of::<Birth>() + POSITION_BYTES + CRITERIA_BYTES;
+pub const VERTEX_BYTES: usize = size_of::<Vertex>() + POSITION_BYTES + CRITERIA_BYTES + size_of::<u16>();
 /// Bytes that a tree takes.
 pub const TREE_BYTES: usize = size_of::<u32>();
 const POSITION_BYTES: usize = size_of::<[f32; 4]>();
-const CRITERIA_BYTES: usize = 2 * size_of::<Criteria>() / CHUNK;
+const CRITERIA_BYTES: usize = size_of::<Group>() / GROUP;
 
 /// The switch value that stands where there is no node to be split: no view asks for that.
 const NO_SPLIT: f32 = -1.0;
@@ -96,8 +98,6 @@ struct Links {
     star: u32,
     /// Number of the page with the split of the active node, [`NONE`] for a leaf.
     page: u32,
-    /// Index of the record there.
-    record: u16,
 }
 
 /// The split that bore a vertex.
@@ -115,13 +115,22 @@ struct Birth {
     radius: f32,
     switch: f32,
     cone: NormalCone,
-    /// Index of the record in its page.
-    record: u16,
-    /// Not to be undone before this time, in frames modulo 65536, if that is near.
-    not_before: u16,
 }
 
-const NO_LINKS: Links = Links { last: NONE, star: NONE, page: NONE, record: 0 };
+/// A vertex, in one cache line.
+#[derive(Debug, Clone, Copy)]
+#[repr(C, align(64))]
+struct Vertex {
+    span: Span,
+    links: Links,
+    birth: Birth,
+    /// Index of the record of the active node's split in its page.
+    record: u16,
+    /// The same for the split that bore the vertex.
+    birth_record: u16,
+}
+
+const NO_LINKS: Links = Links { last: NONE, star: NONE, page: NONE };
 const NO_BIRTH: Birth = Birth {
     kept: NONE,
     previous: NONE,
@@ -131,9 +140,15 @@ const NO_BIRTH: Birth = Birth {
     radius: 0.0,
     switch: NO_COLLAPSE,
     cone: NormalCone::EVERYTHING,
-    record: 0,
-    not_before: 0,
 };
+const NO_VERTEX: Vertex = Vertex {
+    span: Span { start: 0, end: 0, id: 0, moved_by: 0 },
+    links: NO_LINKS,
+    birth: NO_BIRTH,
+    record: 0,
+    birth_record: 0,
+};
+const NO_GROUP: Group = Group { split: Criteria::vacant(NO_SPLIT), collapse: Criteria::vacant(NO_COLLAPSE) };
 
 /// Room in a front.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -168,13 +183,13 @@ pub struct Corner {
 /// The front.
 #[derive(Debug)]
 pub struct Front {
-    spans: Vec<Span>,
-    links: Vec<Links>,
-    births: Vec<Birth>,
+    vertices: Vec<Vertex>,
     /// x, y, z, and the normal.
     positions: Vec<[f32; 4]>,
-    split_criteria: Vec<Criteria>,
-    collapse_criteria: Vec<Criteria>,
+    /// What decides about splits and collapses: each eight vertices.
+    groups: Vec<Group>,
+    /// For each vertex the time before which the split that bore it is not to be undone, in frames modulo 65536, if that is near.
+    not_before: Vec<u16>,
     /// For each chunk a bit for each vertex: whether the split of the active node is in another page than its parent's.
     leads_out: Vec<u64>,
     numbers: Numbers,
@@ -205,12 +220,10 @@ impl Front {
         let chunks = capacity.vertices.max(roots.len()).div_ceil(CHUNK);
         let vertices = chunks * CHUNK;
         let mut front = Front {
-            spans: list(vertices),
-            links: list(vertices),
-            births: list(vertices),
+            vertices: list(vertices),
             positions: list(vertices),
-            split_criteria: list(chunks),
-            collapse_criteria: list(chunks),
+            groups: list(vertices / GROUP),
+            not_before: list(vertices),
             leads_out: list(chunks),
             numbers: Numbers::new(vertices),
             changes: Changes::new(vertices),
@@ -226,9 +239,12 @@ impl Front {
         for root in roots {
             // The roots have the first numbers, in their order, and keep them.
             let vertex = front.new_vertex(0, root.position, root.normal.to_word());
-            front.spans[vertex] = Span { start: root.start, end: root.end, id: root.id, moved_by: NEVER };
-            front.links[vertex] = Links { page: root.page.number, record: root.record, ..NO_LINKS };
-            front.births[vertex] = NO_BIRTH;
+            front.vertices[vertex] = Vertex {
+                span: Span { start: root.start, end: root.end, id: root.id, moved_by: NEVER },
+                links: Links { page: root.page.number, ..NO_LINKS },
+                record: root.record,
+                ..NO_VERTEX
+            };
             front.set_split(vertex, root.radius, root.switch, root.cone);
             front.set_leads_out(vertex, true);
         }
@@ -268,7 +284,7 @@ impl Front {
     /// The number of the tree that a leaf is in.
     pub fn tree_of(&self, leaf: u32) -> usize {
         // The roots are the first vertices, in the order of their leaves.
-        let after = self.spans[..self.root_count as usize].partition_point(|root| root.start <= leaf);
+        let after = self.vertices[..self.root_count as usize].partition_point(|root| root.span.start <= leaf);
         after.saturating_sub(1)
     }
 
@@ -306,31 +322,30 @@ impl Front {
 
     /// Whether the active node at a vertex is a leaf of the tree.
     pub fn is_leaf(&self, vertex: u32) -> bool {
-        self.spans[vertex as usize].id == 0
+        self.vertices[vertex as usize].span.id == 0
     }
 
     /// Dependency id of the active node at a vertex; 0 of a leaf.
     pub fn id(&self, vertex: u32) -> u32 {
-        self.spans[vertex as usize].id
+        self.vertices[vertex as usize].span.id
     }
 
     /// Dependency id of the first collapse above an active node that moves its corners: that of its parent for a born child. A
     /// kept child's corners stay where they are, so for that it is what it is for the parent. [`NEVER`] where there is none.
     pub fn moved_by(&self, vertex: u32) -> u32 {
-        self.spans[vertex as usize].moved_by
+        self.vertices[vertex as usize].span.moved_by
     }
 
     /// The leaves under the active node at a vertex, from the first to one past the last.
     pub fn interval(&self, vertex: u32) -> (u32, u32) {
-        let span = &self.spans[vertex as usize];
+        let span = &self.vertices[vertex as usize].span;
         (span.start, span.end)
     }
 
     /// Where a vertex stands, and what decides about the active node there. The switch value of a leaf is 0.
     pub fn sphere(&self, vertex: u32) -> Sphere {
         let [x, y, z, _] = self.positions[vertex as usize];
-        let (chunk, place) = (vertex as usize / CHUNK, vertex as usize % CHUNK);
-        let criteria = &self.split_criteria[chunk];
+        let (criteria, place) = (&self.groups[vertex as usize / GROUP].split, vertex as usize % GROUP);
         Sphere {
             position: [x, y, z],
             radius: criteria.radius[place],
@@ -341,18 +356,18 @@ impl Front {
 
     /// The same for the node that would be restored where the split that bore `born` was undone.
     pub fn sphere_above(&self, born: u32) -> Sphere {
-        let birth = &self.births[born as usize];
+        let birth = &self.vertices[born as usize].birth;
         let [x, y, z, _] = self.positions[birth.kept as usize];
         Sphere { position: [x, y, z], radius: birth.radius, switch: birth.switch, cone: birth.cone }
     }
 
     /// For each 64 vertices the first number, positions, and what decides about splits and collapses. Places without a vertex, leaves, and vertices
     /// at which nothing can be undone, have switch values by which no view wants a change.
-    pub fn blocks(&self) -> impl Iterator<Item = (u32, &[[f32; 4]; CHUNK], &Criteria, &Criteria)> {
+    pub fn blocks(&self) -> impl Iterator<Item = (u32, &[[f32; 4]; CHUNK], &Groups)> {
         let (positions, _) = self.positions.as_chunks::<CHUNK>();
-        let criteria = self.split_criteria.iter().zip(&self.collapse_criteria);
-        let blocks = (0..).step_by(CHUNK).zip(positions).zip(criteria);
-        blocks.map(|((first, positions), (split, collapse))| (first, positions, split, collapse))
+        let (groups, _) = self.groups.as_chunks::<{ CHUNK / GROUP }>();
+        let blocks = (0..).step_by(CHUNK).zip(positions).zip(groups);
+        blocks.map(|((first, positions), groups)| (first, positions, groups))
     }
 
     /// For each block, of which vertices the split of the active node is in another page than its parent's: a bit for each.
@@ -383,14 +398,14 @@ impl Front {
 
     /// The page that the split of the active node at a vertex is in, and its record; [`NONE`] for a leaf.
     pub fn place(&self, vertex: u32) -> (u32, u16) {
-        let links = &self.links[vertex as usize];
-        (links.page, links.record)
+        let vertex = &self.vertices[vertex as usize];
+        (vertex.links.page, vertex.record)
     }
 
     /// The split whose child the active node at a vertex is, by the vertex that it bore; [`NONE`] for a root.
     pub fn split_above(&self, vertex: u32) -> u32 {
-        match self.links[vertex as usize].last {
-            NONE if self.births[vertex as usize].kept == NONE => NONE,
+        match self.vertices[vertex as usize].links.last {
+            NONE if self.vertices[vertex as usize].birth.kept == NONE => NONE,
             NONE => vertex,
             last => last,
         }
@@ -398,7 +413,7 @@ impl Front {
 
     /// The place holder with the record of the split that bore a vertex.
     pub fn slot(&self, born: u32) -> u32 {
-        self.births[born as usize].slot
+        self.vertices[born as usize].birth.slot
     }
 
     /// The same for the split whose child the active node at a vertex is; [`NONE`] for a root.
@@ -411,22 +426,22 @@ impl Front {
 
     /// Index of the record of the split that bore a vertex.
     pub fn record_of_birth(&self, born: u32) -> u16 {
-        self.births[born as usize].record
+        self.vertices[born as usize].birth_record
     }
 
     /// Id of the node whose split bore a vertex.
     pub fn id_above(&self, born: u32) -> u32 {
-        self.births[born as usize].id
+        self.vertices[born as usize].birth.id
     }
 
     /// The vertex from which one was born; [`NONE`] for a root.
     pub fn kept(&self, born: u32) -> u32 {
-        self.births[born as usize].kept
+        self.vertices[born as usize].birth.kept
     }
 
     /// The vertex born from the same one before; [`NONE`] where it was the first.
     pub fn previous(&self, born: u32) -> u32 {
-        self.births[born as usize].previous
+        self.vertices[born as usize].birth.previous
     }
 
     /// The vertices that splits bore: for each applied split the one.
@@ -436,13 +451,15 @@ impl Front {
 
     /// Whether the split that bore a vertex can be undone: whether both children of its node are active.
     pub fn is_collapsible(&self, born: u32) -> bool {
-        let kept = self.births[born as usize].kept;
-        kept != NONE && self.links[born as usize].last == NONE && self.links[kept as usize].last == born
+        let kept = self.vertices[born as usize].birth.kept;
+        kept != NONE
+            && self.vertices[born as usize].links.last == NONE
+            && self.vertices[kept as usize].links.last == born
     }
 
     /// The vertex born last from this one, where there is one: whose split can be undone if any there can.
     pub fn last_born(&self, vertex: u32) -> u32 {
-        self.links[vertex as usize].last
+        self.vertices[vertex as usize].links.last
     }
 
     /// The leaves under the node that a vertex was born as.
@@ -458,14 +475,19 @@ impl Front {
 
     /// Whether what decides about splits and collapses at a vertex is that of the nodes there; else which is not. For checks.
     pub fn criteria_fit(&self, vertex: u32) -> Result<(), &'static str> {
-        let (chunk, place) = (vertex as usize / CHUNK, vertex as usize % CHUNK);
-        let (split, collapse) = (self.split_criteria[chunk].switch[place], self.collapse_criteria[chunk].switch[place]);
+        let (group, place) = (&self.groups[vertex as usize / GROUP], vertex as usize % GROUP);
+        let (split, collapse) = (group.split.switch[place], group.collapse.switch[place]);
         let last = self.last_born(vertex);
-        let restored =
-            if last != NONE && self.is_collapsible(last) { self.births[last as usize].switch } else { NO_COLLAPSE };
+        let restored = if last != NONE && self.is_collapsible(last) {
+            self.vertices[last as usize].birth.switch
+        } else {
+            NO_COLLAPSE
+        };
         if (split == NO_SPLIT) != self.is_leaf(vertex) {
             Err("a leaf is to be split, or a node never is")
-        } else if (self.leads_out[chunk] >> place & 1 == 1) && self.is_leaf(vertex) {
+        } else if (self.leads_out[vertex as usize / CHUNK] >> (vertex as usize % CHUNK) & 1 == 1)
+            && self.is_leaf(vertex)
+        {
             Err("a leaf leads into a page")
         } else if collapse != restored {
             Err("the node to be restored is another one")
@@ -476,12 +498,12 @@ impl Front {
 
     /// The corners of triangles at a vertex.
     pub fn star(&self, vertex: u32) -> impl Iterator<Item = Entry> + '_ {
-        self.stars.corners(self.links[vertex as usize].star)
+        self.stars.corners(self.vertices[vertex as usize].links.star)
     }
 
     /// Whether a vertex has no triangle.
     pub fn is_bare(&self, vertex: u32) -> bool {
-        self.links[vertex as usize].star == NONE
+        self.vertices[vertex as usize].links.star == NONE
     }
 
     /// The vertices at the other corners of a triangle, in its orientation.
@@ -505,29 +527,93 @@ impl Front {
 
     /// Keeps the split that bore a vertex from being undone before the time `until`, in frames modulo 65536.
     pub fn defer_collapse(&mut self, born: u32, until: u16) {
-        self.births[born as usize].not_before = until;
+        self.not_before[born as usize] = until;
     }
 
     /// Whether the time before which it is not to be undone lies ahead, by no more than `most` frames.
     pub fn collapse_is_deferred(&self, born: u32, now: u16, most: u16) -> bool {
-        (1..=most).contains(&self.births[born as usize].not_before.wrapping_sub(now))
+        (1..=most).contains(&self.not_before[born as usize].wrapping_sub(now))
     }
 
-    /// Moves up to `most` of the last triangles to places before them that have none, where there are many of those.
+    /// Moves up to `most` of the last triangles, and of the last vertices, to places before them that have none, where there are
+    /// many of those.
     pub fn close_gaps(&mut self, most: usize) {
-        for _ in 0..most {
-            let Some(last) = self.triangles.last_if_sparse() else { return };
-            let corners = self.triangles.corners(last);
-            let moved = self.triangles.add(corners, 0);
-            for (place, vertex) in corners.into_iter().enumerate() {
-                self.stars.rename(
-                    self.links[vertex as usize].star,
-                    last << 2 | place as u32,
-                    moved << 2 | place as u32,
-                );
-            }
-            self.triangles.remove(last);
+        (0..most).take_while(|_| self.move_last_triangle()).count();
+        (0..most).take_while(|_| self.move_last_vertex()).count();
+    }
+
+    /// False where there are not many gaps.
+    fn move_last_triangle(&mut self) -> bool {
+        let Some(last) = self.triangles.last_if_sparse() else { return false };
+        let corners = self.triangles.corners(last);
+        let moved = self.triangles.add(corners, 0);
+        for (place, vertex) in corners.into_iter().enumerate() {
+            self.stars.rename(
+                self.vertices[vertex as usize].links.star,
+                last << 2 | place as u32,
+                moved << 2 | place as u32,
+            );
         }
+        self.triangles.remove(last);
+        true
+    }
+
+    /// False where there are not many gaps, or only roots, which keep their numbers.
+    fn move_last_vertex(&mut self) -> bool {
+        if self.numbers.drop_free_chunks() {
+            self.resize(self.numbers.chunks() * CHUNK);
+        }
+        let Some(last) = self.numbers.last_if_sparse().filter(|last| *last >= self.root_count) else { return false };
+        let Vertex { links, birth: Birth { kept, .. }, .. } = self.vertices[last as usize];
+        // At best beside the one that it was born from, where that is before it.
+        let near = if kept / CHUNK as u32 == last / CHUNK as u32 { 0 } else { kept };
+        let [x, y, z, normal] = self.positions[last as usize];
+        let moved = self.new_vertex(near, [x, y, z], normal.to_bits());
+        self.vertices[moved] = self.vertices[last as usize];
+        self.not_before[moved] = self.not_before[last as usize];
+        let (of_last, place) = (self.groups[last as usize / GROUP], last as usize % GROUP);
+        self.groups[moved / GROUP].split.copy(moved % GROUP, &of_last.split, place);
+        self.groups[moved / GROUP].collapse.copy(moved % GROUP, &of_last.collapse, place);
+        self.set_leads_out(moved, self.leads_out[last as usize / CHUNK] >> (last as usize % CHUNK) & 1 == 1);
+        let moved = moved as u32;
+
+        let triangles = &mut self.triangles;
+        self.stars.corners(links.star).for_each(|entry| triangles.move_corner(entry.triangle(), entry.place(), moved));
+        let mut born = links.last;
+        while born != NONE {
+            let birth = &mut self.vertices[born as usize].birth;
+            birth.kept = moved;
+            born = birth.previous;
+        }
+        // Among those born from the same vertex, the one that was born next leads to it.
+        let mut after = self.vertices[kept as usize].links.last;
+        if after == last {
+            self.vertices[kept as usize].links.last = moved;
+        } else {
+            while self.vertices[after as usize].birth.previous != last {
+                after = self.vertices[after as usize].birth.previous;
+            }
+            self.vertices[after as usize].birth.previous = moved;
+        }
+        self.vacate(last);
+        true
+    }
+
+    /// Gives the number of a vertex back. No view wants a change there any more.
+    fn vacate(&mut self, vertex: u32) {
+        self.set_child(vertex as usize, None);
+        self.groups[vertex as usize / GROUP].collapse.switch[vertex as usize % GROUP] = NO_COLLAPSE;
+        self.vertices[vertex as usize].birth.kept = NONE;
+        self.numbers.release(vertex);
+    }
+
+    /// So many places for vertices.
+    fn resize(&mut self, bound: usize) {
+        self.vertices.resize(bound, NO_VERTEX);
+        self.positions.resize(bound, [0.0; 4]);
+        self.leads_out.resize(bound / CHUNK, 0);
+        self.groups.resize(bound / GROUP, NO_GROUP);
+        self.not_before.resize(bound, 0);
     }
 
     /// A vertex with everything but its position still to be said.
@@ -536,14 +622,7 @@ impl Front {
             unreachable!("there are as many numbers as the capacity says")
         };
         if vertex as usize >= self.positions.len() {
-            let bound = self.numbers.chunks() * CHUNK;
-            self.spans.resize(bound, Span::default());
-            self.links.resize(bound, NO_LINKS);
-            self.births.resize(bound, NO_BIRTH);
-            self.positions.resize(bound, [0.0; 4]);
-            self.leads_out.resize(self.numbers.chunks(), 0);
-            self.split_criteria.resize(self.numbers.chunks(), Criteria::vacant(NO_SPLIT));
-            self.collapse_criteria.resize(self.numbers.chunks(), Criteria::vacant(NO_COLLAPSE));
+            self.resize(self.numbers.chunks() * CHUNK);
         }
         self.positions[vertex as usize] = [x, y, z, f32::from_bits(normal)];
         self.changes.note(vertex);
@@ -553,7 +632,7 @@ impl Front {
     /// What decides about the split of the node at a vertex.
     #[inline]
     fn set_split(&mut self, vertex: usize, radius: f32, switch: f32, cone: NormalCone) {
-        self.split_criteria[vertex / CHUNK].set(vertex % CHUNK, radius, switch, cone);
+        self.groups[vertex / GROUP].split.set(vertex % GROUP, radius, switch, cone);
     }
 
     /// Whether the split of the node at a vertex is in another page than its parent's.
@@ -576,10 +655,9 @@ impl Front {
     /// What decides about the collapse into a vertex: that of the split which bore `born`, if that one can be undone.
     #[inline]
     fn set_collapse(&mut self, vertex: u32, born: u32) {
-        let (chunk, place) = (vertex as usize / CHUNK, vertex as usize % CHUNK);
-        let criteria = &mut self.collapse_criteria[chunk];
-        if born != NONE && self.links[born as usize].last == NONE {
-            let Birth { radius, switch, cone, .. } = self.births[born as usize];
+        let (criteria, place) = (&mut self.groups[vertex as usize / GROUP].collapse, vertex as usize % GROUP);
+        if born != NONE && self.vertices[born as usize].links.last == NONE {
+            let Birth { radius, switch, cone, .. } = self.vertices[born as usize].birth;
             criteria.set(place, radius, switch, cone);
         } else {
             criteria.switch[place] = NO_COLLAPSE;

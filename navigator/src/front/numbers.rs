@@ -9,6 +9,9 @@
 
 use super::CHUNK;
 
+/// Many are free where more than one of so many is.
+const SPARSE: usize = 8;
+
 /// Which numbers are free.
 #[derive(Debug)]
 pub struct Numbers {
@@ -103,6 +106,13 @@ impl Numbers {
         self.open.truncate(self.free.len().div_ceil(64));
         self.first_open = self.first_open.min(self.open.len());
         self.free.len() < chunks
+    }
+
+    /// Where many numbers below the largest in use are free, that one. No chunk at the end can be dropped.
+    pub fn last_if_sparse(&self) -> Option<u32> {
+        let numbers = self.free.len() * CHUNK;
+        let free = numbers - self.used;
+        if free > CHUNK && free > numbers / SPARSE { self.last() } else { None }
     }
 
     /// The largest number in use, where no chunk at the end can be dropped.

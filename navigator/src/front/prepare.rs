@@ -3,7 +3,7 @@
 use metanode::page::{ChildEntry, Page, Record, Target};
 use thiserror::Error;
 
-use super::{Corner, Front, NONE, Span};
+use super::{Corner, Front, NONE, Span, Vertex};
 
 /// A page that cannot belong to this model: what in it does not fit to what is known from its ancestors.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
@@ -40,8 +40,7 @@ impl Front {
     /// Reads the split of the active node at a vertex from its page, and makes sure that it fits into the front. After it,
     /// [`Front::thirds`] are the third corners.
     pub fn prepare(&mut self, vertex: u32, page: &Page) -> Result<Prepared, Misfit> {
-        let Span { start, end, id, .. } = self.spans[vertex as usize];
-        let index = self.links[vertex as usize].record;
+        let Vertex { span: Span { start, end, id, .. }, record: index, .. } = self.vertices[vertex as usize];
         let misfit = |problem: String| Misfit { record: index, problem };
         let Some(record) = page.record(index) else {
             return Err(misfit(format!("there are only {} records, and a parent refers to it", page.counts().records)));
@@ -82,7 +81,7 @@ impl Front {
         let page_of = |entry: Option<ChildEntry>| match entry.map(|entry| entry.target) {
             None => NONE,
             Some(Target::SamePage { .. }) => page.number(),
-            Some(Target::ChildPage { child, .. }) => page.child_location(child.into()).number,
+            Some(Target::ChildPage { child, .. }) => page.child_number(child),
         };
         Ok(Prepared { vertex, record, kept_page: page_of(record.kept), born_page: page_of(record.born) })
     }

@@ -1,8 +1,8 @@
 //! Applying a split.
 
-use metanode::page::{NormalCone, Page};
+use metanode::page::{ChildEntry, NormalCone, Page};
 
-use super::{Birth, CHUNK, Entry, Front, Links, NO_BIRTH, NO_LINKS, NONE, Prepared, Span, record_of};
+use super::{Birth, Entry, Front, GROUP, Links, NONE, Prepared, Span, Vertex, record_of};
 
 impl Front {
     /// Applies the split that was prepared last, with nothing changed in between and with [`Front::has_room`]. `slot` is the
@@ -10,8 +10,8 @@ impl Front {
     pub fn split(&mut self, prepared: &Prepared, page: &Page, slot: u32) -> u32 {
         let Prepared { vertex, record, kept_page, born_page } = *prepared;
         let (kept, middle) = (vertex as usize, record.born_leaf);
-        let Span { start, end, id, moved_by } = self.spans[kept];
-        let Links { last, record: index, star, .. } = self.links[kept];
+        let Vertex { span: Span { start, end, id, moved_by }, links: Links { last, star, .. }, record: index, .. } =
+            self.vertices[kept];
         let born = self.new_vertex(vertex, record.position, record.normal.to_word());
 
         let (mut kept_star, mut born_star) = (NONE, NONE);
@@ -42,28 +42,33 @@ impl Front {
             let entry = |place: usize| Entry { corner: triangle << 2 | place as u32, leaf: leaves[place] };
             self.stars.push(&mut kept_star, entry(0));
             self.stars.push(&mut born_star, entry(born_place));
-            self.stars.push(&mut self.links[third.vertex as usize].star, entry(third_place));
+            self.stars.push(&mut self.vertices[third.vertex as usize].links.star, entry(third_place));
         }
         self.count_in_tree(start, self.thirds.len() as u32, 0);
 
-        let (chunk, place) = (kept / CHUNK, kept % CHUNK);
-        let of_node = &self.split_criteria[chunk];
+        let (of_node, place) = (&self.groups[kept / GROUP].split, kept % GROUP);
         let (radius, switch) = (of_node.radius[place], of_node.switch[place]);
         let cone = NormalCone::from_word(of_node.cone[place]);
-        self.births[born] =
-            Birth { kept: vertex, previous: last, slot, id, moved_by, radius, switch, cone, record: index, ..NO_BIRTH };
         let (kept_entry, born_entry) = (record.kept.as_ref(), record.born.as_ref());
-        let id_of = |entry: Option<&metanode::page::ChildEntry>| entry.map_or(0, |entry| entry.id);
-        self.spans[kept] = Span { start, end: middle, id: id_of(kept_entry), moved_by: kept_moved_by };
-        self.spans[born] = Span { start: middle, end, id: id_of(born_entry), moved_by: id };
-        self.links[kept] = Links { last: born as u32, star: kept_star, page: kept_page, record: record_of(kept_entry) };
-        self.links[born] = Links { star: born_star, page: born_page, record: record_of(born_entry), ..NO_LINKS };
+        let id_of = |entry: Option<&ChildEntry>| entry.map_or(0, |entry| entry.id);
+        self.vertices[born] = Vertex {
+            span: Span { start: middle, end, id: id_of(born_entry), moved_by: id },
+            links: Links { last: NONE, star: born_star, page: born_page },
+            birth: Birth { kept: vertex, previous: last, slot, id, moved_by, radius, switch, cone },
+            record: record_of(born_entry),
+            birth_record: index,
+        };
+        self.not_before[born] = 0;
+        let vertex_kept = &mut self.vertices[kept];
+        vertex_kept.span = Span { start, end: middle, id: id_of(kept_entry), moved_by: kept_moved_by };
+        vertex_kept.links = Links { last: born as u32, star: kept_star, page: kept_page };
+        vertex_kept.record = record_of(kept_entry);
         self.set_child(kept, kept_entry);
         self.set_child(born, born_entry);
         self.set_collapse(vertex, born as u32);
         self.set_collapse(born as u32, NONE);
-        let above = self.births[kept].kept;
-        if last == NONE && above != NONE && self.links[above as usize].last == vertex {
+        let above = self.vertices[kept].birth.kept;
+        if last == NONE && above != NONE && self.vertices[above as usize].links.last == vertex {
             self.set_collapse(above, NONE);
         }
         born as u32

@@ -8,9 +8,10 @@ use super::*;
 use crate::testing;
 
 #[test]
-fn what_neighbours_ask_for_is_a_quarter_of_a_cache_line() {
-    assert_eq!((size_of::<Span>(), size_of::<Links>(), size_of::<Birth>()), (16, 16, 36));
-    assert_eq!(VERTEX_BYTES, 108);
+fn a_vertex_is_a_cache_line_and_a_group_three() {
+    assert_eq!((size_of::<Vertex>(), align_of::<Vertex>()), (64, 64));
+    assert_eq!((size_of::<Group>(), align_of::<Group>()), (192, 64));
+    assert_eq!(VERTEX_BYTES, 106);
 }
 
 /// The model of a tree, all in one page.
@@ -31,9 +32,9 @@ fn state(front: &Front) -> impl PartialEq + use<> {
         .collect();
     triangles.sort_unstable();
     let vertex = |vertex: u32| {
-        let (span, links) = (front.spans[vertex as usize], front.links[vertex as usize]);
+        let Vertex { span, links, record, .. } = front.vertices[vertex as usize];
         let sphere = front.sphere(vertex);
-        (span.start, span.end, span.id, span.moved_by, links.page, links.record, format!("{sphere:?}"))
+        (span.start, span.end, span.id, span.moved_by, links.page, record, format!("{sphere:?}"))
     };
     let mut vertices: Vec<_> = front.vertices().map(vertex).collect();
     vertices.sort_unstable();
@@ -76,7 +77,7 @@ fn a_collapse_undoes_a_split() {
     }
 }
 
-/// Triangles move to the gaps that others leave, and all stars go with them.
+/// Triangles and vertices move to the gaps that others leave, and all that names them goes with them.
 #[test]
 fn gaps_are_closed() {
     let (model, page) = one_page(testing::Mesh::grid(30, 30, 3));
@@ -100,6 +101,24 @@ fn gaps_are_closed() {
     assert!(changed.ranges(0).next().is_some());
     front.close_gaps(usize::MAX);
     assert!(state(&front) == before);
+    let places = front.vertex_bound() as usize;
+    assert!(places - front.vertex_count() <= (places / 8).max(CHUNK));
     let left = front.corners().len() - front.triangle_count();
     assert!(gaps > triangles / 5 && left <= triangles / 8, "{gaps} gaps, {left} left");
+    // And it goes on from there, with gaps closed all the way: down to the roots, and to the leaves.
+    let whole = |front: &Front| front.vertices().all(|vertex| front.criteria_fit(vertex) == Ok(()));
+    let undoable = |front: &Front| front.born().find(|born| front.is_collapsible(*born));
+    while let Some(born) = undoable(&front) {
+        front.collapse(born, page.number());
+        front.close_gaps(2);
+        assert!(whole(&front));
+    }
+    assert_eq!((front.vertex_count(), front.triangle_count(), front.line_count()), (model.roots().len(), 0, 0));
+    while let Some(vertex) = inner(&front) {
+        let prepared = front.prepare(vertex, &page).unwrap();
+        front.split(&prepared, &page, 0);
+        front.close_gaps(1);
+    }
+    assert!(whole(&front));
+    assert_eq!((front.vertex_count(), front.triangle_count()), (vertices, triangles));
 }

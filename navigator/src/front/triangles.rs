@@ -13,8 +13,6 @@ use super::numbers::Numbers;
 pub const TRIANGLE_BYTES: usize = size_of::<[u32; 3]>();
 /// Most triangles a front can hold: corners are numbered in 32 bits.
 pub const TRIANGLE_LIMIT: usize = 1 << 30;
-/// The list is sparse where more than one of so many places has no triangle.
-const SPARSE: usize = 8;
 /// What stands in a place without a triangle.
 const VACANT: [u32; 3] = [0; 3];
 
@@ -106,9 +104,7 @@ impl Triangles {
         if self.numbers.drop_free_chunks() {
             self.corners.truncate(self.numbers.chunks() * CHUNK);
         }
-        let vacant = self.corners.len() - self.count();
-        let is_sparse = vacant > CHUNK && vacant > self.corners.len() / SPARSE;
-        if is_sparse { self.numbers.last() } else { None }
+        self.numbers.last_if_sparse()
     }
 
     /// Fetches a triangle into the cache.

@@ -68,11 +68,13 @@ impl Normal {
     }
 
     /// The two coordinates as one word.
+    #[inline]
     pub fn to_word(self) -> u32 {
         self.0
     }
 
     /// The inverse of [`Normal::to_word`].
+    #[inline]
     pub fn from_word(word: u32) -> Self {
         Normal(word)
     }

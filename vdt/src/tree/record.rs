@@ -183,12 +183,14 @@ impl NormalCone {
     }
 
     /// The four bytes of the cone as one little-endian word: axis x, y, z, sine.
+    #[inline]
     pub fn to_word(self) -> u32 {
         let [x, y, z] = self.axis.map(|component| component.to_le_bytes()[0]);
         u32::from_le_bytes([x, y, z, self.sine])
     }
 
     /// The inverse of [`NormalCone::to_word`].
+    #[inline]
     pub fn from_word(word: u32) -> Self {
         let [x, y, z, sine] = word.to_le_bytes();
         NormalCone { axis: [x, y, z].map(|byte| i8::from_le_bytes([byte])), sine }
