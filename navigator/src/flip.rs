@@ -31,25 +31,6 @@ const SINE_STEPS: f64 = 254.0;
 /// More than what rounding makes of squares.
 const ROUNDING: f64 = 1e-9;
 
-/// A corner of a drawn triangle.
-#[derive(Debug, Clone, Copy)]
-struct DrawnCorner {
-    position: [f32; 3],
-    /// The normal of the vertex.
-    normal: Normal,
-    /// That of the active node; none of a leaf.
-    cone: Option<NormalCone>,
-}
-
-impl DrawnCorner {
-    /// The corner at a vertex.
-    fn at(front: &Front, vertex: u32) -> Self {
-        let [x, y, z, normal] = front.positions()[vertex as usize];
-        let cone = (!front.is_leaf(vertex)).then(|| front.sphere(vertex).cone);
-        DrawnCorner { position: [x, y, z], normal: Normal::from_word(normal.to_bits()), cone }
-    }
-}
-
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
@@ -68,24 +49,45 @@ fn is_proven_by(cone: NormalCone, normal: [f64; 3], square: f64) -> bool {
     cone.sine != u8::MAX && along > 0.0 && along * along > sine * sine * square * dot(axis, axis) * (1.0 + ROUNDING)
 }
 
-/// Whether a triangle with these corners is suspect, see the module. One without an area never is.
-fn is_suspect(corners: [DrawnCorner; 3]) -> bool {
-    let normal = normal_of(corners.map(|corner| corner.position));
-    let square = dot(normal, normal);
-    let looks_flipped = |corner: &DrawnCorner| dot(corner.normal.decode().map(f64::from), normal) < 0.0;
-    corners.iter().any(looks_flipped)
-        && corners.iter().any(|corner| corner.cone.is_some())
-        && !is_proven(&corners, normal, square)
+/// The normal of a triangle that points away from the normal of any vertex that it is drawn at. Those stand at the positions.
+#[inline]
+fn normal_if_flipped(corners: [[f32; 4]; 3]) -> Option<[f64; 3]> {
+    let normal = normal_of(corners.map(|[x, y, z, _]| [x, y, z]));
+    let points_away =
+        |[.., word]: [f32; 4]| dot(Normal::from_word(word.to_bits()).steps().map(f64::from), normal) < 0.0;
+    corners.into_iter().any(points_away).then_some(normal)
 }
 
-/// Whether the cone of any corner proves that a triangle with this normal is not flipped.
-fn is_proven(corners: &[DrawnCorner; 3], normal: [f64; 3], square: f64) -> bool {
-    corners.iter().any(|corner| corner.cone.is_some_and(|cone| is_proven_by(cone, normal, square)))
+/// Whether a triangle with these corners, at vertices or leaves, is suspect, see the module. One without an area never is. The cones of
+/// the nodes, none of a leaf, are seldom asked for.
+#[inline]
+fn is_suspect(corners: [[f32; 4]; 3], cones: impl FnOnce() -> [Option<NormalCone>; 3]) -> bool {
+    normal_if_flipped(corners).is_some_and(|normal| {
+        let cones = cones();
+        cones.iter().any(Option::is_some) && !is_proven(cones, normal)
+    })
+}
+
+/// Whether any cone proves that a triangle with this normal is not flipped.
+fn is_proven(cones: [Option<NormalCone>; 3], normal: [f64; 3]) -> bool {
+    let square = dot(normal, normal);
+    cones.into_iter().flatten().any(|cone| is_proven_by(cone, normal, square))
+}
+
+/// Where a vertex stands, with its normal.
+fn corner_at(front: &Front, vertex: u32) -> [f32; 4] {
+    front.positions()[vertex as usize]
+}
+
+/// The cone of the active node at a vertex; none of a leaf.
+fn cone_at(front: &Front, vertex: u32) -> Option<NormalCone> {
+    (!front.is_leaf(vertex)).then(|| front.sphere(vertex).cone)
 }
 
 /// Whether an active triangle is suspect.
 pub fn triangle_is_suspect(front: &Front, triangle: u32) -> bool {
-    is_suspect(front.corners()[triangle as usize].map(|vertex| DrawnCorner::at(front, vertex)))
+    let vertices = front.corners()[triangle as usize];
+    is_suspect(vertices.map(|vertex| corner_at(front, vertex)), || vertices.map(|vertex| cone_at(front, vertex)))
 }
 
 /// The vertex that is split for a triangle to be repaired: the one with the largest error. None where all corners are leaves.
@@ -103,15 +105,19 @@ pub fn suspects_at(front: &Front, [first, second]: [u32; 2]) -> impl Iterator<It
 
 /// Whether to undo the split that bore `born` would make a triangle suspect that is not.
 pub fn collapse_is_blocked(front: &Front, born: u32) -> bool {
-    let (kept, above) = (front.kept(born), front.sphere_above(born));
-    let parent = DrawnCorner { cone: Some(above.cone), ..DrawnCorner::at(front, kept) };
+    let kept = front.kept(born);
+    let parent = corner_at(front, kept);
     // Triangles with corners at both go.
     let blocks = |entry: Entry, other: u32| {
         let others = front.others(entry);
-        !others.contains(&other) && {
-            let [second, third] = others.map(|vertex| DrawnCorner::at(front, vertex));
-            is_suspect([parent, second, third]) && !triangle_is_suspect(front, entry.triangle())
-        }
+        let [second, third] = others.map(|vertex| corner_at(front, vertex));
+        let cones = || {
+            let [second, third] = others.map(|vertex| cone_at(front, vertex));
+            [Some(front.sphere_above(born).cone), second, third]
+        };
+        !others.contains(&other)
+            && is_suspect([parent, second, third], cones)
+            && !triangle_is_suspect(front, entry.triangle())
     };
     front.star(born).any(|entry| blocks(entry, kept)) || front.star(kept).any(|entry| blocks(entry, born))
 }
@@ -122,9 +128,9 @@ pub(crate) mod tests {
 
     /// Whether an active triangle is proven not to be flipped by the cone at any of its corners.
     pub(crate) fn triangle_is_proven(front: &Front, triangle: u32) -> bool {
-        let corners = front.corners()[triangle as usize].map(|vertex| DrawnCorner::at(front, vertex));
-        let normal = normal_of(corners.map(|corner| corner.position));
-        is_proven(&corners, normal, dot(normal, normal))
+        let vertices = front.corners()[triangle as usize];
+        let normal = normal_of(vertices.map(|vertex| front.sphere(vertex).position));
+        is_proven(vertices.map(|vertex| cone_at(front, vertex)), normal)
     }
 
     /// Whether the drawn triangle is flipped, where the input triangle has its corners at `original`.
@@ -134,34 +140,28 @@ pub(crate) mod tests {
 
     const UP: NormalCone = NormalCone { axis: [0, 0, 127], sine: 127 };
 
-    fn corners(height: f32, cone: Option<NormalCone>) -> [DrawnCorner; 3] {
-        let corner = |position| DrawnCorner { position, normal: Normal::UP, cone };
-        [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, height]].map(corner)
-    }
-
-    fn reversed([a, b, c]: [DrawnCorner; 3]) -> [DrawnCorner; 3] {
-        [a, c, b]
+    fn corners(height: f32, normals: [Normal; 3]) -> [[f32; 4]; 3] {
+        let [a, b, c] = normals.map(|normal| f32::from_bits(normal.to_word()));
+        [[0.0, 0.0, 0.0, a], [1.0, 0.0, 0.0, b], [0.0, 1.0, height, c]]
     }
 
     #[test]
     fn what_faces_the_other_way_is_suspect() {
+        let [a, b, c] = corners(0.0, [Normal::UP; 3]);
         for cone in [UP, NormalCone::EVERYTHING] {
-            assert!(!is_suspect(corners(0.0, Some(cone))));
-            assert!(is_suspect(reversed(corners(0.0, Some(cone)))));
+            assert!(!is_suspect([a, b, c], || [Some(cone); 3]));
+            assert!(is_suspect([a, c, b], || [Some(cone); 3]));
         }
-        assert!(!is_suspect(reversed(corners(0.0, None))), "what is drawn as in the input is never suspect");
-        let [a, _, c] = corners(0.0, Some(UP));
-        assert!(!is_suspect([a, c, c]), "without an area");
+        assert!(!is_suspect([a, c, b], || [None; 3]), "what is drawn as in the input is never suspect");
+        assert!(!is_suspect([a, c, c], || [Some(UP); 3]), "without an area");
     }
 
     /// A cone of 30 degrees proves up to 60, whatever a vertex normal says.
     #[test]
     fn what_a_cone_proves_is_not_suspect() {
-        let doubted = |height: f32, cone| {
-            let mut corners = corners(height, Some(cone));
-            corners[1].normal = Normal::encode([0.0, 0.0, -1.0]);
-            is_suspect(corners)
-        };
+        let down = Normal::encode([0.0, 0.0, -1.0]);
+        let doubted =
+            |height: f32, cone| is_suspect(corners(height, [Normal::UP, down, Normal::UP]), || [Some(cone); 3]);
         let at = |degrees: f32| degrees.to_radians().tan();
         assert!(!doubted(at(0.0), UP) && !doubted(at(59.0), UP) && !doubted(at(-59.0), UP));
         assert!(doubted(at(61.0), UP) && doubted(at(-61.0), UP));

@@ -49,16 +49,21 @@ impl Normal {
 
     /// The direction, at length one.
     pub fn decode(self) -> [f32; 3] {
+        let [x, y, z] = self.steps().map(|steps| steps as f32);
+        let length = (x * x + y * y + z * z).sqrt();
+        [x / length, y / length, z / length]
+    }
+
+    /// The direction in whole steps, at some length: nothing is rounded.
+    #[inline]
+    pub fn steps(self) -> [i32; 3] {
         let mask = (1 << BITS) - 1;
-        // In steps: whole numbers, so nothing is rounded before the length is divided by.
         let [x, y] = [self.0 & mask, self.0 >> BITS & mask].map(|step| step as i32 - STEPS as i32);
         let z = STEPS as i32 - x.abs() - y.abs();
         let folded =
             |value: i32, other: i32| if value < 0 { other.abs() - STEPS as i32 } else { STEPS as i32 - other.abs() };
         let [x, y] = if z < 0 { [folded(x, y), folded(y, x)] } else { [x, y] };
-        let [x, y, z] = [x, y, z].map(|steps| steps as f32);
-        let length = (x * x + y * y + z * z).sqrt();
-        [x / length, y / length, z / length]
+        [x, y, z]
     }
 
     /// Whether both coordinates are in the square, and there is nothing else.
