@@ -567,6 +567,9 @@ pub struct NavigateOptions {
     /// Make at most so many splits and collapses in a frame, the most visible first; the rest waits for the next. 0: no limit.
     #[arg(long, default_value_t = navigator::MAX_ADAPTS)]
     pub max_adapts: u64,
+    /// Let what a split adds go to its place in so many frames, so that nothing is seen to jump. 0: at once.
+    #[arg(long, value_name = "FRAMES", default_value_t = 0)]
+    pub geomorph: u32,
     /// How pages are read.
     #[arg(long, value_enum, default_value_t = IoName::Thread)]
     pub io: IoName,

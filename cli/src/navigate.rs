@@ -21,7 +21,7 @@ use crate::progress::Progress;
 use crate::statement::why_not_guaranteed;
 
 /// The first line of the CSV file: the fields of [`FrameStatistics`].
-const CSV_HEADER: &str = "frame,triangles,vertices,splits,collapses,requests,misses,blocked,forced,repaired,unrepaired,over_budget,postponed,\
+const CSV_HEADER: &str = "frame,triangles,vertices,splits,collapses,requests,misses,blocked,forced,repaired,unrepaired,over_budget,postponed,morphs,\
 threshold_factor,pixels_drawn,error_stated,guaranteed,vanished_parts,pages_in_use,reads,bytes_read,second_chances,urgent,prefetch_given_up,\
 prefetched,prefetch_used,cancelled,evicted,evicted_wished,evicted_untried,retries,read_failures,frame_ms,cpu_ms\n";
 
@@ -77,6 +77,7 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
         dependency: options.dependency.into(),
         max_triangles: options.max_triangles,
         max_adapts: (options.max_adapts > 0).then_some(options.max_adapts),
+        geomorph: options.geomorph,
         io: match options.io {
             IoName::Thread => Io::Thread,
             IoName::Sync | IoName::Mmap => Io::Sync,
@@ -187,6 +188,7 @@ fn csv_line(frame: &FrameStatistics) -> String {
         unrepaired,
         over_budget,
         postponed,
+        morphs,
         threshold_factor,
         pixels_drawn,
         error_stated,
@@ -214,7 +216,7 @@ fn csv_line(frame: &FrameStatistics) -> String {
         starved: _,
     } = pool;
     format!(
-        "{frame},{triangles},{vertices},{splits},{collapses},{requests},{misses},{blocked},{forced},{repaired},{unrepaired},{over_budget},{postponed},\
+        "{frame},{triangles},{vertices},{splits},{collapses},{requests},{misses},{blocked},{forced},{repaired},{unrepaired},{over_budget},{postponed},{morphs},\
          {threshold_factor},{pixels_drawn},{error_stated},{},{vanished_parts},{pages_in_use},{reads},{bytes_read},{second_chances},{urgent},\
          {prefetch_given_up},{prefetched},{prefetch_used},{cancelled},{evicted},{evicted_wished},{evicted_untried},{retries},\
          {read_failures},{frame_ms:.3},{cpu_ms:.3}\n",
@@ -243,6 +245,10 @@ fn report(options: &arguments::NavigateOptions, flight: &Flight, model: &Model) 
             "postponed",
             format!("{} wishes, because a frame makes at most {most} changes", grouped(summary.postponed)),
         );
+    }
+    if options.geomorph > 0 {
+        let (morphs, frames) = (grouped(summary.morphs_mean() as u64), options.geomorph);
+        report.line("geomorphs", format!("{morphs} vertices on their way in a frame, each for {frames} frames"));
     }
     report.line(
         "frame time",
@@ -316,6 +322,9 @@ fn to_json(options: &arguments::NavigateOptions, flight: &Flight, model: &Model)
         "frame_ms_p50": summary.frame_ms_percentile(50.0),
         "frame_ms_p99": summary.frame_ms_percentile(99.0),
         "cpu_ms_mean": summary.cpu_ms_mean(),
+        "cpu_ms_p50": summary.cpu_ms_percentile(50.0),
+        "cpu_ms_p99": summary.cpu_ms_percentile(99.0),
+        "morphs_mean": summary.morphs_mean(),
         "pixels_p50": summary.pixels_percentile(50.0),
         "pixels_p99": summary.pixels_percentile(99.0),
         "pixels_max": summary.pixels_percentile(100.0),

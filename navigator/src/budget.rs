@@ -13,7 +13,9 @@ use thiserror::Error;
 
 use crate::board::BOARD_BYTES;
 use crate::collapse_queue::CollapseQueue;
-use crate::front::{CHUNK, Capacity, Corner, LINE_BYTES, TREE_BYTES, TRIANGLE_BYTES, TRIANGLE_LIMIT, VERTEX_BYTES};
+use crate::front::{
+    CHUNK, Capacity, Corner, LINE_BYTES, MORPH_BYTES, TREE_BYTES, TRIANGLE_BYTES, TRIANGLE_LIMIT, VERTEX_BYTES,
+};
 use crate::io_process::reader_bytes;
 use crate::paging::{MAPPED_PAGE_BYTES, WISH_BYTES};
 use crate::pool::{LEAST_FOR_URGENT, SLOT_OVERHEAD_BYTES};
@@ -95,6 +97,7 @@ struct Needs {
     reader_bytes: usize,
     io_threads: usize,
     born_triangles: usize,
+    morphs: bool,
 }
 
 impl Needs {
@@ -118,6 +121,7 @@ impl Needs {
             reader_bytes: reader_bytes(model, header.page_levels as usize * (slot_bytes / USUAL_RECORD_BYTES)),
             io_threads: 1,
             born_triangles,
+            morphs: false,
         }
     }
 
@@ -155,7 +159,7 @@ impl Needs {
         let bytes = self.fixed_bytes
             + self.io_threads * self.reader_bytes
             + slots * self.slot_cost()
-            + front_bytes(front.vertices, front.lines, front.triangles.next_multiple_of(CHUNK)) as usize
+            + front_bytes(front.vertices, front.lines, front.triangles.next_multiple_of(CHUNK), self.morphs) as usize
             + CollapseQueue::bytes(vertices);
         Budget { slots, front, io_threads: self.io_threads, bytes: bytes as u64 }
     }
@@ -175,20 +179,23 @@ impl Needs {
     }
 }
 
-/// Bytes that a front takes in which are so many vertices, cache lines of stars, and places of triangles.
-pub fn front_bytes(vertices: usize, lines: usize, triangles: usize) -> u64 {
+/// Bytes that a front takes in which are so many vertices, with or without geomorphs, cache lines of stars, and places of
+/// triangles.
+pub fn front_bytes(vertices: usize, lines: usize, triangles: usize, morphs: bool) -> u64 {
+    let of_morphs = if morphs { MORPH_BYTES } else { 0 };
     let notes = ((vertices + triangles) as f64 * NOTE_BYTES) as usize;
-    (vertices * (VERTEX_BYTES + QUEUE_BYTES) + lines * LINE_BYTES + triangles * TRIANGLE_BYTES + notes) as u64
+    (vertices * (VERTEX_BYTES + QUEUE_BYTES + of_morphs) + lines * LINE_BYTES + triangles * TRIANGLE_BYTES + notes)
+        as u64
 }
 
 /// Shares out `memory` bytes for `model`, with one thread for I/O.
 pub fn plan(model: &Model, memory: u64) -> Result<Budget, BudgetError> {
-    plan_with(model, memory, 1)
+    plan_with(model, memory, 1, false)
 }
 
-/// Shares out `memory` bytes for `model`, with so many threads for I/O, or fewer.
-pub fn plan_with(model: &Model, memory: u64, io_threads: usize) -> Result<Budget, BudgetError> {
-    let mut needs = Needs::of(model);
+/// Shares out `memory` bytes for `model`, with so many threads for I/O, or fewer, and with or without geomorphs.
+pub fn plan_with(model: &Model, memory: u64, io_threads: usize, morphs: bool) -> Result<Budget, BudgetError> {
+    let mut needs = Needs { morphs, ..Needs::of(model) };
     let least_slots = needs.least_slots();
     let least_splits = LEAST_SPLITS.min(needs.splits);
     let smallest = needs.budget(least_slots, least_splits).bytes;

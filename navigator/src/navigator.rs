@@ -96,6 +96,9 @@ pub struct NavigatorOptions {
     /// Most splits and collapses in a frame: what is left waits for the next, the most visible goes first. So a jump of the
     /// camera takes some frames, but none of them much longer than the others.
     pub max_adapts: Option<u64>,
+    /// In how many frames a vertex that a split bears goes from where it was born to its own place, see
+    /// [`Navigator::morph_stream`]; 0 for at once.
+    pub geomorph: u32,
     /// How the I/O process runs.
     pub io: Io,
     /// How many threads the I/O process has, where it has any; `None` for as many as the machine has cores, two to four. There
@@ -119,6 +122,7 @@ impl Default for NavigatorOptions {
             dependency: Dependency::Implicit,
             max_triangles: None,
             max_adapts: Some(MAX_ADAPTS),
+            geomorph: 0,
             io: Io::Thread,
             io_threads: None,
             prefetch: true,
@@ -221,7 +225,7 @@ pub struct AppliedSplit {
 /// Once for each picture: [`Navigator::frame`] with the camera. Then either all triangles are read ([`Navigator::triangles`]), or
 /// copies of [`Navigator::vertex_stream`] and [`Navigator::triangle_stream`] are brought up to date, with what has changed since
 /// the last time ([`Navigator::changed_vertices`], [`Navigator::changed_triangles`]), and then [`Navigator::forget_changes`] is
-/// called. At first everything has changed. A copy has to follow the length of its stream, which rises and falls; ranges may reach
+/// called. (With geomorphs there is a third stream, [`Navigator::morph_stream`].) At first everything has changed. A copy has to follow the length of its stream, which rises and falls; ranges may reach
 /// beyond its end. `examples/buffers.rs` is that in 30 lines.
 ///
 /// An error of a frame (a page cannot be read, however often it was tried; the camera cannot be) leaves the front as that of a
@@ -322,9 +326,10 @@ impl Navigator {
             Io::Sync => 1,
             Io::Thread => options.io_threads.unwrap_or_else(usual_io_threads),
         };
-        let budget = budget::plan_with(&model, options.memory, io_threads)?;
+        let budget = budget::plan_with(&model, options.memory, io_threads, options.geomorph > 0)?;
         let budget = if decoded.is_some() { budget.with_mapped_pages(&model) } else { budget };
         let front = Front::new(model.roots(), leaf_count, budget.front);
+        let front = if options.geomorph > 0 { front.with_morphs(options.geomorph) } else { front };
         let vertices = front.capacity().vertices;
         // Of a mapped file, where all pages are there, there is nothing to wish for.
         let options = NavigatorOptions { prefetch: options.prefetch && decoded.is_none(), ..options };
@@ -392,6 +397,7 @@ impl Navigator {
         };
         self.frame += 1;
 
+        self.front.step_morphs();
         let threshold = self.threshold();
         let waits = self.evaluate(&view, threshold);
         self.collapse(&view, threshold, max_adapts, &mut statistics);
@@ -407,6 +413,7 @@ impl Navigator {
         }
         statistics.triangles = self.front.triangle_count() as u64;
         statistics.vertices = self.front.vertex_count() as u64;
+        statistics.morphs = self.front.morphs().map_or(0, |morphs| morphs.under_way() as u64);
         statistics.pages_in_use = self.paging.in_use() as u64;
         let counters = self.paging.pool().counters();
         statistics.pool = counters - self.pool_counters;
@@ -416,7 +423,7 @@ impl Navigator {
         }
         self.adjust_threshold(camera, statistics.over_budget > 0);
         self.is_at_rest = statistics.requests == 0
-            && statistics.postponed == 0
+            && statistics.postponed + statistics.morphs == 0
             && !waits
             && self.threshold_factor == statistics.threshold_factor;
         let rests = self.is_at_rest && stands_still && !has_wishes;
@@ -465,7 +472,9 @@ impl Navigator {
 
     /// Bytes that the vertices and triangles of the front take at the moment.
     pub fn front_bytes(&self) -> u64 {
-        budget::front_bytes(self.front.vertex_count(), self.front.line_count(), self.front.triangle_count())
+        let front = &self.front;
+        let (vertices, lines, triangles) = (front.vertex_count(), front.line_count(), front.triangle_count());
+        budget::front_bytes(vertices, lines, triangles, front.morphs().is_some())
     }
 
     /// Number of place holders.
@@ -541,6 +550,20 @@ impl Navigator {
     /// The same for the places of the triangles that changed. Those behind the end of the stream are gone.
     pub fn changed_triangles(&self, gap: u32) -> impl Iterator<Item = Range<u32>> + '_ {
         self.front.changes().1.ranges(gap)
+    }
+
+    /// Where vertices come from that splits bore in the last frames, by their numbers: x, y, z, and a weight, 0 when they were
+    /// just born and 1 when they have arrived. With [`NavigatorOptions::geomorph`], who draws puts a vertex not at its position
+    /// but at `origin + weight * (position - origin)`; then no split is seen to jump, but what is drawn comes so many frames
+    /// later to the error that the statistics tell. Empty without.
+    pub fn morph_stream(&self) -> &[[f32; 4]] {
+        self.front.morphs().map_or(&[], |morphs| morphs.stream())
+    }
+
+    /// The numbers of the vertices whose origins or weights are different since [`Navigator::forget_changes`], as ranges like
+    /// those of [`Navigator::changed_vertices`].
+    pub fn changed_morphs(&self, gap: u32) -> impl Iterator<Item = Range<u32>> + '_ {
+        self.front.morphs().into_iter().flat_map(move |morphs| morphs.changes().ranges(gap))
     }
 
     /// The streams were copied: from now on, changes are new ones.

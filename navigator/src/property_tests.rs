@@ -1,6 +1,6 @@
 //! The navigator as a whole: random trees, blockings, budgets and camera paths.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -341,6 +341,60 @@ proptest! {
         }
     }
 
+    /// With geomorphs, where a point of the surface is drawn changes by no more than one step of its way, whatever is split in a
+    /// frame. And copies of the morphs kept up to date are the stream.
+    #[test]
+    fn no_split_is_seen_to_jump(
+        tree in trees(),
+        cameras in cameras(),
+        dependency in dependencies(),
+        (pixels, max_adapts) in (0.3..6.0_f32, prop::option::of(10..400_u64)),
+        (geomorph, gap) in (1..9_u32, 0..200_u32),
+    ) {
+        let model = testing::model_of(&tree);
+        let options = NavigatorOptions { pixels, dependency, max_adapts, geomorph, ..options() };
+        let mut navigator = Navigator::open(model.clone(), options).unwrap();
+        // Leaf by leaf, as numbers of vertices change: where it is drawn, how far it is, and how long a step is.
+        let drawn = |navigator: &Navigator| -> HashMap<u32, (Vec3, f32, f32)> {
+            let places = navigator.active_nodes().map(|node| {
+                let [x, y, z, weight] = navigator.morph_stream()[node.node as usize];
+                let (origin, position) = (Vec3::new(x, y, z), Vec3::from_array(node.position));
+                let place = if weight < 1.0 { origin.lerp(position, weight) } else { position };
+                (node.leaf, (place, weight, origin.distance(position) / geomorph as f32))
+            });
+            places.collect()
+        };
+        let rounding = 1e-5 * model.header().diagonal() as f32;
+        let mut morphs = Vec::new();
+        for camera in path(&model, &cameras) {
+            let before = drawn(&navigator);
+            let frame = navigator.frame(&camera).unwrap();
+            let after = drawn(&navigator);
+            for (leaf, (place, weight, step)) in &after {
+                match before.get(leaf) {
+                    Some((last, was, _)) if *was == 1.0 && *weight == 1.0 => prop_assert_eq!(last, place),
+                    Some((last, ..)) if *weight > 0.0 => {
+                        prop_assert!(last.distance(*place) <= step + rounding, "leaf {leaf}: {last} to {place}");
+                    }
+                    // It was born where another vertex was drawn: one that was there before the frame, or that was born in it, too.
+                    _ => {
+                        let mut others = before.values().chain(after.values().filter(|(.., step)| *step > 0.0));
+                        let is_there = others.any(|(other, ..)| other.distance(*place) <= rounding);
+                        prop_assert!(is_there, "leaf {leaf} at {place}");
+                    }
+                }
+            }
+            update(&mut morphs, navigator.morph_stream(), navigator.changed_morphs(gap));
+            navigator.forget_changes();
+            for node in navigator.active_nodes() {
+                prop_assert_eq!(morphs[node.node as usize], navigator.morph_stream()[node.node as usize]);
+            }
+            prop_assert!(frame.morphs > 0 || after.values().all(|(_, weight, _)| *weight == 1.0));
+        }
+        navigator.run_until_settled(path(&model, &cameras).last().unwrap(), 10_000).unwrap();
+        prop_assert!(navigator.settled() && drawn(&navigator).values().all(|(_, weight, _)| *weight == 1.0));
+    }
+
     /// Nothing that a cone proves is flipped, by brute force; and without dependencies or with repairs, the wishes come true.
     #[test]
     fn what_cones_prove_is_not_flipped(
@@ -644,7 +698,8 @@ fn threads_that_race_do_no_harm() {
         let model = open(&disk);
         // The least with so many threads.
         let smallest = smallest_memory(&model);
-        let has_threads = |memory: &u64| plan_with(&model, *memory, io_threads).unwrap().io_threads == io_threads;
+        let has_threads =
+            |memory: &u64| plan_with(&model, *memory, io_threads, false).unwrap().io_threads == io_threads;
         let memory = (0..).map(|step| smallest + step * 20_000).find(has_threads).unwrap();
         let options = NavigatorOptions { memory, policy, io: Io::Thread, io_threads: Some(io_threads), ..options() };
         let mut navigator = Navigator::open(model.clone(), options).unwrap();

@@ -31,6 +31,8 @@ pub struct FrameStatistics {
     pub over_budget: u64,
     /// Nodes that were to be split or collapsed, but the frame had made all the changes that one may make.
     pub postponed: u64,
+    /// Vertices on their way to their place, see [`NavigatorOptions::geomorph`](crate::NavigatorOptions::geomorph).
+    pub morphs: u64,
     /// By how much the pixel threshold is raised at the moment because of such limits.
     pub threshold_factor: f32,
     /// Largest error in pixels of an active node that can be in the picture, as it is drawn after this frame: the error allowed at
@@ -63,6 +65,7 @@ pub struct FlightSummary {
     requests: u64,
     /// Wishes that waited for the next frame because one may not make more changes.
     pub postponed: u64,
+    morphs: u64,
     /// Changes that dependencies did not allow.
     pub blocked: u64,
     /// Splits of nodes that only a neighbour needed.
@@ -94,6 +97,7 @@ impl FlightSummary {
         self.misses += frame.misses;
         self.requests += frame.requests;
         self.postponed += frame.postponed;
+        self.morphs += frame.morphs;
         self.blocked += frame.blocked;
         self.forced += frame.forced;
         self.repaired += frame.repaired;
@@ -126,6 +130,11 @@ impl FlightSummary {
     /// Share of the requests that the external memory could not fulfil (the paper's *Miss*), in percent.
     pub fn miss_percent(&self) -> f64 {
         100.0 * self.misses as f64 / self.requests.max(1) as f64
+    }
+
+    /// Vertices on their way to their place, mean over the frames.
+    pub fn morphs_mean(&self) -> f64 {
+        self.mean(self.morphs as f64)
     }
 
     /// CPU time of a frame in milliseconds, mean over the frames.

@@ -91,12 +91,15 @@ fn nothing_grows_after_the_start() {
     const WARM_UP: u32 = 600;
     const FRAMES: u32 = 2000;
     let disk = disk();
-    for (dependency, memory) in
-        [(Dependency::Implicit, 5 << 19), (Dependency::None, 5 << 19), (Dependency::Implicit, 64 << 20)]
-    {
+    for (dependency, geomorph, memory) in [
+        (Dependency::Implicit, 0, 5 << 19),
+        (Dependency::None, 15, 5 << 19),
+        (Dependency::Flip, 0, 5 << 19),
+        (Dependency::Implicit, 15, 64 << 20),
+    ] {
         let before = bytes();
         let model = Arc::new(Model::open(&disk, Path::new(FILE)).unwrap());
-        let options = NavigatorOptions { memory, dependency, io: Io::Sync, ..NavigatorOptions::default() };
+        let options = NavigatorOptions { memory, dependency, geomorph, io: Io::Sync, ..NavigatorOptions::default() };
         let mut navigator = Navigator::open(model.clone(), options).unwrap();
         let opened = bytes();
         let mut walk = RandomWalk::new(&model, 5).unwrap();

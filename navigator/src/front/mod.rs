@@ -38,6 +38,7 @@ mod ahead;
 mod changes;
 mod collapse;
 mod lookup;
+mod morphs;
 mod numbers;
 mod prepare;
 mod split;
@@ -48,6 +49,8 @@ use metanode::header::ModelRoot;
 use metanode::page::{ChildEntry, NormalCone, Target};
 
 pub use self::changes::Changes;
+pub use self::morphs::MORPH_BYTES;
+use self::morphs::Morphs;
 use self::numbers::Numbers;
 pub use self::prepare::{Misfit, Prepared};
 use self::stars::Stars;
@@ -194,6 +197,7 @@ pub struct Front {
     leads_out: Vec<u64>,
     numbers: Numbers,
     changes: Changes,
+    morphs: Option<Morphs>,
     stars: Stars,
     triangles: Triangles,
     /// Active triangles of each tree.
@@ -227,6 +231,7 @@ impl Front {
             leads_out: list(chunks),
             numbers: Numbers::new(vertices),
             changes: Changes::new(vertices),
+            morphs: None,
             stars: Stars::new(capacity.lines),
             triangles: Triangles::new(capacity.triangles),
             tree_triangles: vec![0; roots.len()],
@@ -249,6 +254,15 @@ impl Front {
             front.set_leads_out(vertex, true);
         }
         front
+    }
+
+    /// The same where what splits bear goes to its place in so many frames.
+    pub fn with_morphs(mut self, frames: u32) -> Self {
+        let mut morphs = Morphs::new(self.capacity.vertices, frames);
+        morphs.resize(self.positions.len());
+        self.vertices().for_each(|root| morphs.put(root));
+        self.morphs = Some(morphs);
+        self
     }
 
     /// Most vertices, triangles and lines.
@@ -390,8 +404,23 @@ impl Front {
         (&self.changes, self.triangles.changes())
     }
 
+    /// Where vertices come from that go to their places, and how far they are, see [`morphs`]; `None` where none ever does.
+    pub fn morphs(&self) -> Option<&Morphs> {
+        self.morphs.as_ref()
+    }
+
+    /// All vertices that are on their way go a step on.
+    pub fn step_morphs(&mut self) {
+        if let Some(morphs) = &mut self.morphs {
+            morphs.step(&self.numbers);
+        }
+    }
+
     /// Forgets which have.
     pub fn clear_changes(&mut self) {
+        if let Some(morphs) = &mut self.morphs {
+            morphs.clear_changes();
+        }
         self.changes.clear();
         self.triangles.clear_changes();
     }
@@ -574,6 +603,9 @@ impl Front {
         let (of_last, place) = (self.groups[last as usize / GROUP], last as usize % GROUP);
         self.groups[moved / GROUP].split.copy(moved % GROUP, &of_last.split, place);
         self.groups[moved / GROUP].collapse.copy(moved % GROUP, &of_last.collapse, place);
+        if let Some(morphs) = &mut self.morphs {
+            morphs.renumber(last, moved as u32);
+        }
         self.set_leads_out(moved, self.leads_out[last as usize / CHUNK] >> (last as usize % CHUNK) & 1 == 1);
         let moved = moved as u32;
 
@@ -614,6 +646,9 @@ impl Front {
         self.leads_out.resize(bound / CHUNK, 0);
         self.groups.resize(bound / GROUP, NO_GROUP);
         self.not_before.resize(bound, 0);
+        if let Some(morphs) = &mut self.morphs {
+            morphs.resize(bound);
+        }
     }
 
     /// A vertex with everything but its position still to be said.

@@ -13,6 +13,10 @@ impl Front {
         let Vertex { span: Span { start, end, id, moved_by }, links: Links { last, star, .. }, record: index, .. } =
             self.vertices[kept];
         let born = self.new_vertex(vertex, record.position, record.normal.to_word());
+        if let Some(morphs) = &mut self.morphs {
+            let [x, y, z, _] = self.positions[kept];
+            morphs.begin(born as u32, morphs.drawn(vertex, [x, y, z]));
+        }
 
         let (mut kept_star, mut born_star) = (NONE, NONE);
         let triangles = &mut self.triangles;
