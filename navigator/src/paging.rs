@@ -13,7 +13,7 @@
 //! # Wishes
 //!
 //! A frame names pages that will probably be needed soon (see [`Paging::wish`]). It need not look everywhere: what it names stays
-//! wished for [`SWEEP_FRAMES`] frames, so that each of them may look at its part of the front. At its end the strongest wishes are
+//! wished for [`SWEEP_FRAMES`] frames, so that each of them may look at its part of the front. At the end of every other one the strongest wishes are
 //! the prefetch list, at most half as many as there are place holders and no more than [`WISH_LIMIT`].
 
 use std::sync::Arc;
@@ -33,6 +33,8 @@ use crate::pool::{Found, Hold, Policy, Pool, reserved_slots};
 
 /// In how many frames the front is looked at for pages to be wished, a part of it in each.
 pub const SWEEP_FRAMES: usize = 4;
+/// In how many frames there is a new prefetch list.
+const PUBLISHED_EVERY: usize = 2;
 /// Most wishes.
 const WISH_LIMIT: usize = 1024;
 
@@ -128,6 +130,8 @@ pub struct Paging {
     merged: Vec<Command>,
     published: Vec<u32>,
     published_at: u64,
+    /// Whether there is anything to be read on that list that may find room.
+    has_wishes: bool,
     frame: usize,
 }
 
@@ -176,6 +180,7 @@ impl Paging {
             merged: Vec::with_capacity(SWEEP_FRAMES * wish_limit),
             published: Vec::with_capacity(wish_limit),
             published_at: 0,
+            has_wishes: false,
             frame: 0,
         };
         match io {
@@ -214,6 +219,7 @@ impl Paging {
             merged: Vec::new(),
             published: Vec::new(),
             published_at: 0,
+            has_wishes: false,
             frame: 0,
         }
     }
@@ -418,7 +424,7 @@ impl Paging {
         }
     }
 
-    /// A frame ends: what was wished in it and the last ones is the prefetch list from now on. True if there is anything to be
+    /// A frame ends: what was wished in it and the last ones is the prefetch list from now on, or from the next one on. True if there is anything to be
     /// read on it that may find room.
     pub fn end_frame(&mut self) -> bool {
         if !self.prefetch || (self.wants.is_empty() && self.has_all_pages()) {
@@ -433,6 +439,9 @@ impl Paging {
             is_urgent: false,
         }));
         self.wishes[self.frame % SWEEP_FRAMES] = wishes;
+        if !self.frame.is_multiple_of(PUBLISHED_EVERY) {
+            return self.has_wishes;
+        }
         let merged = &mut self.merged;
         merged.clear();
         self.wishes.iter().for_each(|wishes| merged.extend_from_slice(wishes));
@@ -444,6 +453,7 @@ impl Paging {
         let version = self.pool.version();
         let pages = merged.iter().map(Command::page);
         if version == self.published_at && pages.clone().eq(self.published.iter().copied()) {
+            self.has_wishes = false;
             return false;
         }
         self.published.clear();
@@ -452,7 +462,8 @@ impl Paging {
         let cancelled = self.board.publish(merged);
         self.count_cancelled(cancelled);
         self.run_inline();
-        !self.published.is_empty()
+        self.has_wishes = !self.published.is_empty();
+        self.has_wishes
     }
 
     /// An error that names the file and the page that does not fit.
