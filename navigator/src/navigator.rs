@@ -68,6 +68,8 @@ const GAPS_CLOSED: usize = 512;
 const FRAMES_AHEAD: f64 = 16.0;
 /// What part of the threshold the error of a node must be then.
 const LEAST_WISH: f32 = 0.7;
+/// What part of the weakest wish that found a place a wish must be for it to be looked at.
+const NEARLY: f32 = 0.9;
 /// What part of the threshold the error of a node must be for its split to be kept for the sake of a triangle that would be turned
 /// round. (Out of the picture a sixteenth of the error counts.) Two splits can each need the other: they would stay for ever.
 const RELEASED: f32 = 1.0 / 256.0;
@@ -681,9 +683,10 @@ impl Navigator {
         let listens = self.options.prefetch && !self.paging.has_all_pages();
         let Some(camera) = self.predictor.ahead(FRAMES_AHEAD).filter(|_| listens) else { return Ok(()) };
         let then = self.view(&camera)?;
+        // What is much weaker than what found no place last would find none again.
+        let least = (self.paging.weakest_wish() * NEARLY).clamp(LEAST_WISH, 1.0);
         // The test for collapses has a wider frustum: a node beside the picture may be forced by one in it.
-        let (for_wish, then, now) =
-            (then.collapses(threshold * LEAST_WISH), then.splits(threshold), now.splits(threshold));
+        let (for_wish, then, now) = (then.collapses(threshold * least), then.splits(threshold), now.splits(threshold));
         let part = self.frame as usize % SWEEP_FRAMES;
         let (front, paging) = (&self.front, &mut self.paging);
         let blocks = front.blocks().zip(front.leads_out()).skip(part).step_by(SWEEP_FRAMES);

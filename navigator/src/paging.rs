@@ -130,6 +130,8 @@ pub struct Paging {
     merged: Vec<Command>,
     published: Vec<u32>,
     published_at: u64,
+    /// How strong the strongest wish was that found no place in the last list; 0 where there was none.
+    weakest_wish: f32,
     /// Whether there is anything to be read on that list that may find room.
     has_wishes: bool,
     frame: usize,
@@ -180,6 +182,7 @@ impl Paging {
             merged: Vec::with_capacity(SWEEP_FRAMES * wish_limit),
             published: Vec::with_capacity(wish_limit),
             published_at: 0,
+            weakest_wish: 0.0,
             has_wishes: false,
             frame: 0,
         };
@@ -219,6 +222,7 @@ impl Paging {
             merged: Vec::new(),
             published: Vec::new(),
             published_at: 0,
+            weakest_wish: 0.0,
             has_wishes: false,
             frame: 0,
         }
@@ -387,6 +391,11 @@ impl Paging {
         self.pool.ready() == self.model.header().page_count as usize
     }
 
+    /// How strong a wish has to be, about, to find a place in the prefetch list.
+    pub fn weakest_wish(&self) -> f32 {
+        self.weakest_wish
+    }
+
     /// Whether a page is in use.
     #[inline]
     pub fn is_used(&self, page: u32) -> bool {
@@ -447,6 +456,7 @@ impl Paging {
         self.wishes.iter().for_each(|wishes| merged.extend_from_slice(wishes));
         merge(merged);
         strongest_first(merged);
+        self.weakest_wish = merged.get(self.wish_limit).map_or(0.0, |first_left_out| first_left_out.priority);
         merged.truncate(self.wish_limit);
         self.pool.renew_wishes(merged);
         // The same list, after nothing has changed, would find no room again, and never let the I/O process come to rest.
