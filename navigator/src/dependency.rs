@@ -24,7 +24,7 @@
 
 use metanode::page::Target;
 
-use crate::front::{Corner, Front, NONE, Prepared};
+use crate::front::{Corner, Entry, Front, NONE, Prepared};
 use crate::paging::Paging;
 
 /// How changes of the front depend on each other.
@@ -83,27 +83,41 @@ fn is_moved_after(front: &Front, paging: &Paging, vertex: u32, triangle: u32, id
 /// that moves to the born child or is born, that was moved there after the node was made.
 pub fn blocking_vertex(front: &Front, paging: &Paging, prepared: &Prepared) -> Option<u32> {
     let id = front.id(prepared.vertex());
+    let blocking = |entry: Entry| {
+        front.others(entry).into_iter().find(|vertex| is_moved_after(front, paging, *vertex, entry.triangle(), id))
+    };
     // Of the triangles that have a corner there that moves to the born child; of all where no corner does.
-    let middle = if front.moves_any(prepared) { prepared.born_leaf() } else { 0 };
-    let moving = front.star(prepared.vertex()).filter(|entry| entry.leaf >= middle);
-    let mut around = moving.flat_map(|entry| front.others(entry).map(|vertex| (vertex, entry.triangle())));
-    let blocks = |(vertex, triangle): &(u32, u32)| is_moved_after(front, paging, *vertex, *triangle, id);
-    around.find(blocks).map(|(vertex, _)| vertex).or_else(|| {
-        let late = |corner: &&Corner| front.id(corner.vertex) > id && last_moved(front, paging, **corner, id) > id;
-        front.thirds().iter().find(late).map(|corner| corner.vertex)
-    })
+    let mut moves_any = false;
+    for entry in front.star(prepared.vertex()).filter(|entry| entry.leaf >= prepared.born_leaf()) {
+        moves_any = true;
+        if let Some(vertex) = blocking(entry) {
+            return Some(vertex);
+        }
+    }
+    if !moves_any && let Some(vertex) = front.star(prepared.vertex()).find_map(blocking) {
+        return Some(vertex);
+    }
+    let late = |corner: &&Corner| front.id(corner.vertex) > id && last_moved(front, paging, **corner, id) > id;
+    front.thirds().iter().find(late).map(|corner| corner.vertex)
+}
+
+/// Whether a corner of a triangle that the last split bore, at a child of it, was moved there when another corner of the triangle had
+/// moved on, so that the child has to be split. `other` is the other child.
+pub fn is_born_late(front: &Front, paging: &Paging, child: u32, other: u32) -> bool {
+    let (id, of_other) = (front.id(child), front.moved_by(other));
+    let may_be_late = |third: &Corner| of_other.min(front.moved_by(third.vertex)) < id;
+    front.thirds().iter().any(may_be_late) && is_late(front, paging, child, |others| others.contains(&other))
 }
 
 /// Whether a corner at an active node was moved there when another corner of its triangle had moved on, so that the node has
-/// to be split. Of its triangles those count that have a corner at `other`, if there is one given.
-pub fn is_late(front: &Front, paging: &Paging, vertex: u32, other: Option<u32>) -> bool {
+/// to be split. Of its triangles those count whose other corners do.
+pub fn is_late(front: &Front, paging: &Paging, vertex: u32, counts: impl Fn([u32; 2]) -> bool) -> bool {
     let id = front.id(vertex);
     front.star(vertex).any(|entry| {
         let others = front.others(entry);
-        let counts = other.is_none_or(|other| others.contains(&other));
         let moves_on = front.moved_by(others[0]).min(front.moved_by(others[1]));
         let corner = Corner { vertex, leaf: entry.leaf };
-        counts && moves_on < id && last_moved(front, paging, corner, moves_on) > moves_on
+        moves_on < id && counts(others) && last_moved(front, paging, corner, moves_on) > moves_on
     })
 }
 

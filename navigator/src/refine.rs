@@ -299,7 +299,12 @@ impl Refiner<'_> {
         let look_around = stack.iter().any(|link| link.kind != Kind::Node);
         stack.pop();
         for (child, other) in [(kept, born), (born, kept)] {
-            if dependency::is_late(self.front, self.paging, child, (!look_around).then_some(other)) {
+            let is_late = if look_around {
+                dependency::is_late(self.front, self.paging, child, |_| true)
+            } else {
+                dependency::is_born_late(self.front, self.paging, child, other)
+            };
+            if is_late {
                 stack.push(Link { vertex: child, id: self.front.id(child), kind: Kind::Child });
             }
         }

@@ -90,9 +90,4 @@ impl Front {
     pub fn thirds(&self) -> &[Corner] {
         &self.thirds
     }
-
-    /// Whether any corner moves to the born child when a prepared split is applied.
-    pub fn moves_any(&self, prepared: &Prepared) -> bool {
-        self.star(prepared.vertex).any(|entry| entry.leaf >= prepared.record.born_leaf)
-    }
 }
