@@ -57,6 +57,8 @@ pub enum Command {
     Convert(ConvertOptions),
     /// Fly along a camera path within a RAM budget, and report what every frame did.
     Navigate(NavigateOptions),
+    /// Draw pictures of a model into PNG files
+    Render(RenderOptions),
     /// Say how far two meshes are apart: mean, root mean square and largest distance, both ways.
     Compare(CompareOptions),
     /// Measure how meshes are built, what models state, and what flights read and take: the paper's Tables 1 and 2 and more.
@@ -516,6 +518,49 @@ pub struct PictureOptions {
     /// Size of the picture that the pixels are of.
     #[arg(long, default_value = "1920x1080")]
     pub size: PictureSize,
+}
+
+/// `vdt render`
+#[derive(Debug, Args)]
+#[command(
+    after_long_help = "Pictures are drawn by the processor, without a graphics card or a window, and each time the same. \
+                             Meshes are grey: their colours and textures are not drawn yet.\n\n\
+                             Examples:\n  vdt render bunny.vdt -o bunny.png\n  \
+                             vdt render bunny.vdt -o near.png --camera 0,0.1,0.4,0,0.1,0 --size 800x600 --edges\n  \
+                             vdt render bunny.vdt -o frame.png --path flyby:400 --frame 120 --memory 16M\n  \
+                             vdt render bunny.vdt -o film --path orbit:250 --size 1280x720"
+)]
+pub struct RenderOptions {
+    /// The model.
+    #[arg(value_name = "MODEL.vdt")]
+    pub model: PathBuf,
+    /// The PNG file; with --path and no --frame a folder, for a file of each frame.
+    #[arg(short, long, value_name = "IMAGE.png")]
+    pub output: PathBuf,
+    /// Where to look from, and at what: eye and target, six numbers with commas. [default: at all of the model]
+    #[arg(long, value_name = "EYE,TARGET", allow_hyphen_values = true, conflicts_with = "path")]
+    pub camera: Option<CameraArgument>,
+    /// A camera path, as for navigate: orbit:FRAMES, flyby:FRAMES, or a file of cameras. It is flown from its beginning.
+    #[arg(long)]
+    pub path: Option<PathSpec>,
+    /// Draw this frame of the path only; 0 is the first.
+    #[arg(long, requires = "path")]
+    pub frame: Option<usize>,
+    /// With --path: finish each picture, whatever the flight before had time for. (A picture of a single camera always is.)
+    #[arg(long, requires = "path")]
+    pub settle: bool,
+    /// What is asked of the pictures.
+    #[command(flatten)]
+    pub picture: PictureOptions,
+    /// Draw the sides of the triangles.
+    #[arg(long)]
+    pub edges: bool,
+    /// RAM for the navigation and the picture.
+    #[arg(long, default_value = "256M")]
+    pub memory: ByteSize,
+    /// Replace existing files.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// `vdt navigate`

@@ -16,12 +16,15 @@ use crate::chart::flight_chart;
 use crate::output::{Report, counted, grouped, write_text};
 use crate::progress::Progress;
 
+/// The size of the picture that it ends with.
+const PICTURE_SIZE: &str = "1280x720";
+
 pub fn run(options: DemoOptions, json: bool) -> Result<()> {
     let start = Instant::now();
     std::fs::create_dir_all(&options.output)
         .with_context(|| format!("cannot make the folder {}", options.output.display()))?;
-    let [mesh, model, csv, chart] =
-        ["terrain.ply", "terrain.vdt", "flight.csv", "flight.svg"].map(|name| options.output.join(name));
+    let [mesh, model, csv, chart, picture] =
+        ["terrain.ply", "terrain.vdt", "flight.csv", "flight.svg", "flight.png"].map(|name| options.output.join(name));
     let say = |text: String| -> Result<()> {
         if !json {
             writeln!(io::stdout(), "{text}")?;
@@ -91,6 +94,19 @@ pub fn run(options: DemoOptions, json: bool) -> Result<()> {
         ),
     );
     report.line("   chart", chart.display());
+    if !json {
+        report.print_lines()?;
+    }
+
+    let frame = options.frames.saturating_sub(1) * 2 / 3;
+    say(format!("5. Frame {frame} of it as a picture, drawn by the processor"))?;
+    let seen_from = ["--path", &flight_path, "--frame", &frame.to_string(), "--settle", "--size", PICTURE_SIZE];
+    let seen_from: Vec<&str> = seen_from.into_iter().chain(["--force", "-o"]).collect();
+    let drawn = step(&["render"], &model, &[seen_from.as_slice(), &[&path(&picture)?]].concat())?;
+    let triangles = counted(whole(&drawn, "triangles"), "triangle", "triangles");
+    say(format!("   {}: {triangles}, {:.1} s", picture.display(), float(&drawn, "seconds")))?;
+
+    let mut report = Report::default();
     report.line("", "");
     report.line(
         "done",
@@ -110,6 +126,8 @@ pub fn run(options: DemoOptions, json: bool) -> Result<()> {
             "build": built,
             "verify": verified,
             "navigate": flown,
+            "picture": picture,
+            "render": drawn,
         }),
     )
 }

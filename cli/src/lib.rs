@@ -19,6 +19,7 @@ mod info;
 mod navigate;
 mod output;
 mod progress;
+mod render;
 mod statement;
 mod table;
 mod verify;
@@ -49,6 +50,7 @@ pub fn run() -> ExitCode {
         Command::Extract(options) => extract::run(options, json),
         Command::Convert(options) => convert::run(&options, json),
         Command::Navigate(options) => navigate::run(options, json),
+        Command::Render(options) => render::run(&options, json),
         Command::Compare(options) => compare::run(&options, json),
         Command::Bench(options) => bench::run(options, json),
     };

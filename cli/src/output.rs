@@ -23,11 +23,16 @@ impl Report {
 
     /// Prints the lines, or with `json` the document `value` in their place.
     pub fn print(&self, json: bool, value: &Value) -> Result<()> {
-        let mut out = io::stdout().lock();
         if json {
-            writeln!(out, "{}", serde_json::to_string_pretty(value)?)?;
+            writeln!(io::stdout(), "{}", serde_json::to_string_pretty(value)?)?;
             return Ok(());
         }
+        self.print_lines()
+    }
+
+    /// Prints the lines.
+    pub fn print_lines(&self) -> Result<()> {
+        let mut out = io::stdout().lock();
         let width = self.lines.iter().map(|(label, _)| label.len()).max().unwrap_or(0);
         for (label, text) in &self.lines {
             writeln!(out, "{}", format!("{label:width$}  {text}").trim_end())?;

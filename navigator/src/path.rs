@@ -23,6 +23,12 @@ pub(crate) const FIELD_OF_VIEW: f64 = 60.0;
 const ORBIT_DISTANCE: f64 = 1.5;
 /// Height of an orbit over the middle of the model, in degrees.
 const ORBIT_ELEVATION: f64 = 20.0;
+/// The direction from which a model is seen as a whole.
+const OVERVIEW_FROM: DVec3 = DVec3::new(-0.45, -0.8, 0.4);
+/// The part of the picture that the box of the model may take then.
+const OVERVIEW_PART: f64 = 0.95;
+/// The least distance then, in diagonals.
+const OVERVIEW_NEAREST: f64 = 0.1;
 /// Most points of the surface that a flight passes.
 const TOUR_POINTS: usize = 7;
 /// How far above the surface it passes them, in diagonals.
@@ -173,6 +179,27 @@ impl Bounds {
             diagonal: if diagonal > 0.0 { diagonal } else { 1.0 },
         }
     }
+}
+
+/// A camera that sees all of a model, from the front, above and a little aside, in a picture of `width` × `height` pixels.
+pub fn overview(model: &Model, width: u32, height: u32) -> Camera {
+    let (bounds, header) = (Bounds::of(model), model.header());
+    let camera = Camera::looking_at(bounds.center + OVERVIEW_FROM, bounds.center, FIELD_OF_VIEW);
+    let tall = camera.half_height() * OVERVIEW_PART;
+    let wide = tall * f64::from(width) / f64::from(height.max(1));
+    let extent = |corner: [f32; 3]| DVec3::from_array(header.origin) + DVec3::from_array(corner.map(f64::from));
+    let (least, most) = (extent(header.minimum) - bounds.center, extent(header.maximum) - bounds.center);
+    // How far the eye has to be for each corner of the box to be in the picture.
+    let distance = |corner: DVec3, forward: DVec3, right: DVec3, up: DVec3| {
+        (right.dot(corner).abs() / wide).max(up.dot(corner).abs() / tall) - forward.dot(corner)
+    };
+    let corners = (0..8).map(|at| DVec3::from_array(std::array::from_fn(|axis| [least, most][at >> axis & 1][axis])));
+    let frame = camera.frame().ok();
+    let distances = frame
+        .iter()
+        .flat_map(|frame| corners.clone().map(|corner| distance(corner, frame.forward, frame.right, frame.up)));
+    let farthest = distances.fold(OVERVIEW_NEAREST * bounds.diagonal, f64::max);
+    Camera { eye: bounds.center + OVERVIEW_FROM.normalize() * farthest, ..camera }
 }
 
 fn orbit(bounds: &Bounds, frames: u32) -> Vec<Camera> {

@@ -8,7 +8,8 @@ use vdt_tests::program::Workplace;
 use vdt_tests::random_mesh::{closed_box, sphere};
 use vdt_tests::workplace;
 
-const COMMANDS: [&str; 9] = ["demo", "generate", "build", "info", "verify", "extract", "navigate", "compare", "bench"];
+const COMMANDS: [&str; 10] =
+    ["demo", "generate", "build", "info", "verify", "extract", "navigate", "render", "compare", "bench"];
 
 fn place_with_ball() -> Workplace {
     let place = workplace!();
@@ -142,7 +143,7 @@ fn read_csv(text: &str) -> (Vec<String>, Vec<Vec<f64>>) {
     (columns, rows)
 }
 
-const CSV_COLUMNS: [&str; 34] = [
+const CSV_COLUMNS: [&str; 35] = [
     "frame",
     "triangles",
     "vertices",
@@ -156,6 +157,7 @@ const CSV_COLUMNS: [&str; 34] = [
     "unrepaired",
     "over_budget",
     "postponed",
+    "morphs",
     "threshold_factor",
     "pixels_drawn",
     "error_stated",
@@ -359,7 +361,7 @@ fn path_files() {
 fn a_small_demo() {
     let place = workplace!();
     let said = place.run("demo --triangles 20000 --frames 30 -o made").success();
-    let made = ["terrain.ply", "terrain.vdt", "flight.csv", "flight.svg"];
+    let made = ["terrain.ply", "terrain.vdt", "flight.csv", "flight.svg", "flight.png"];
     let mut expected: Vec<String> = made.iter().map(|name| format!("made/{name}")).collect();
     expected.push("made".into());
     expected.sort();
@@ -375,6 +377,8 @@ fn a_small_demo() {
     assert_is_xml(&chart);
     assert!(chart.starts_with("<svg") && chart.contains("20,000 triangles in 16 MiB"), "{}", &chart[..200]);
     assert!(chart.matches("<polyline").count() >= 3);
+    let picture = image::load_from_memory(&place.read("made/flight.png")).unwrap().to_rgb8();
+    assert!(picture.dimensions() == (1280, 720) && picture.pixels().any(|colour| colour != picture.get_pixel(0, 0)));
     for label in ["triangles", "misses", "frame time, ms", "frame"] {
         assert!(chart.contains(label), "{label}");
     }
