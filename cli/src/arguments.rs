@@ -11,7 +11,7 @@ use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use metanode::blocking::{ParseBlockingError, check_parameters};
 use metanode::header::{Blocking, ErrorBound, Metric, Strategy};
 use navigator::view_parameters::MOST_FINER;
-use navigator::{Dependency, Light, PathSpec, ViewParameters};
+use navigator::{Camera, Dependency, Light, PathSpec, ViewParameters};
 use storage::{ByteSize, EdgeTreeKind, MapAdvice};
 use vdt::generate::{Shape, TRIANGLES};
 use vdt::ingest::PositionsRule;
@@ -259,6 +259,16 @@ pub struct CameraArgument {
     pub eye: [f64; 3],
     /// What is in the middle of the picture.
     pub target: [f64; 3],
+}
+
+impl CameraArgument {
+    /// Vertical angle of view, in degrees.
+    const FIELD_OF_VIEW: f64 = 60.0;
+
+    /// The camera, with z upwards.
+    pub fn camera(&self) -> Camera {
+        Camera::looking_at(self.eye.into(), self.target.into(), Self::FIELD_OF_VIEW)
+    }
 }
 
 impl FromStr for CameraArgument {
@@ -555,6 +565,9 @@ pub struct RenderOptions {
     /// Draw the sides of the triangles.
     #[arg(long)]
     pub edges: bool,
+    /// With --path: let what a split adds go to its place in so many frames, so that nothing is seen to jump. 0: at once.
+    #[arg(long, value_name = "FRAMES", default_value_t = 0, requires = "path", conflicts_with = "settle")]
+    pub geomorph: u32,
     /// RAM for the navigation and the picture.
     #[arg(long, default_value = "256M")]
     pub memory: ByteSize,

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use metanode::header::Header;
 use metanode::model::Model;
 use metanode::{CutWedges, DrawnMesh, Statement, UniformCut, error_for_triangles};
-use navigator::{Camera, Dependency, Io, Navigator, NavigatorOptions};
+use navigator::{Dependency, Io, Navigator, NavigatorOptions};
 use serde_json::{Value, json};
 use storage::{ByteSize, LocalDisk, StorageError};
 use vdt::mesh::MeshError;
@@ -19,8 +19,6 @@ use crate::output::{Report, counted, may_write};
 use crate::progress::Progress;
 use crate::statement;
 
-/// Vertical field of view of `--camera`, in degrees.
-const FIELD_OF_VIEW: f64 = 60.0;
 /// RAM for a view, where nothing else is said.
 const DEFAULT_MEMORY: ByteSize = ByteSize(256 << 20);
 /// After so many frames a view that does not settle is taken as it is.
@@ -198,7 +196,7 @@ fn image_bytes(model: &Model, number: usize) -> Result<Option<Vec<u8>>, MeshErro
 fn seen(model: Arc<Model>, options: &ExtractOptions, target: Target<'_>, camera: CameraArgument) -> Result<Extracted> {
     let origin = model.header().origin;
     let (pixels, size) = (options.pixels.unwrap_or(1.0), options.size.unwrap_or(PictureSize::FULL_HD));
-    let camera = Camera::looking_at(camera.eye.into(), camera.target.into(), FIELD_OF_VIEW);
+    let camera = camera.camera();
     let navigator_options = NavigatorOptions {
         memory: options.memory.unwrap_or(DEFAULT_MEMORY).0,
         pixels,

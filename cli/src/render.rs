@@ -18,8 +18,6 @@ use crate::arguments::{PictureSize, RenderOptions};
 use crate::output::{Report, counted, grouped, length, may_write};
 use crate::progress::Progress;
 
-/// Vertical field of view of `--camera`, in degrees.
-const FIELD_OF_VIEW: f64 = 60.0;
 /// After so many frames a picture that does not settle is taken as it is.
 const MOST_FRAMES: u64 = 10_000;
 /// Bytes for each point while a picture is encoded: its colours once more, and what becomes of them.
@@ -68,6 +66,7 @@ pub fn run(options: &RenderOptions, json: bool) -> Result<()> {
         pixels: options.picture.pixels,
         width,
         height,
+        geomorph: options.geomorph,
         io: Io::Sync,
         ..NavigatorOptions::default()
     };
@@ -114,7 +113,7 @@ fn cameras(options: &RenderOptions, disk: &dyn Disk, model: &Model) -> Result<Ve
     Ok(match (&options.path, options.camera) {
         (Some(path), _) => path.cameras(disk, model)?,
         (None, Some(camera)) => {
-            let camera = Camera::looking_at(camera.eye.into(), camera.target.into(), FIELD_OF_VIEW);
+            let camera = camera.camera();
             camera.frame().context("--camera")?;
             vec![camera]
         }

@@ -107,6 +107,14 @@ fn a_film_is_a_folder() {
     assert_ne!(frames[0], frames[1]);
     place.json("render ball.vdt -o single.png --path orbit:3 --frame 1 --size 80x60 --settle");
     assert_eq!(picture(&place, "single.png"), frames[1]);
+    // With geomorphs, the same front is on its way to where it is without.
+    let [plain, morphed] = [0, 4].map(|geomorph| {
+        place.json(&format!(
+            "render ball.vdt -o way.png --force --path flyby:40 --frame 12 --size 80x60 --geomorph {geomorph}"
+        ));
+        picture(&place, "way.png")
+    });
+    assert_ne!(plain, morphed);
     place.refuses(1, "render ball.vdt -o film --path orbit:3", &["film: there is something in the folder", "--force"]);
     place.json("render ball.vdt -o film --path orbit:3 --size 80x60 --force");
 }
