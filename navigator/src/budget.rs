@@ -18,7 +18,7 @@ use crate::front::{
 };
 use crate::io_process::reader_bytes;
 use crate::paging::{MAPPED_PAGE_BYTES, WISH_BYTES};
-use crate::pool::{LEAST_FOR_URGENT, SLOT_OVERHEAD_BYTES};
+use crate::pool::{LEAST_FOR_URGENT, SLOT_OVERHEAD_BYTES, there_bytes};
 use crate::refine::CHAIN_BYTES;
 use crate::split_queue::QUEUE_BYTES;
 
@@ -116,6 +116,7 @@ impl Needs {
                 + header.root_count as usize * TREE_BYTES
                 + header.page_levels as usize * size_of::<PageLocation>()
                 + BOARD_BYTES
+                + there_bytes(header.page_count as usize)
                 + born_triangles * size_of::<Corner>()
                 + CHAIN_BYTES,
             reader_bytes: reader_bytes(model, header.page_levels as usize * (slot_bytes / USUAL_RECORD_BYTES)),

@@ -700,7 +700,7 @@ impl Navigator {
         for block in found.chain([(0, 0)]) {
             let (first, found) = std::mem::replace(&mut before, block);
             for vertex in bits(found).map(|place| first + place) {
-                if paging.is_used(front.place(vertex).0) {
+                if paging.will_stay(front.place(vertex).0) {
                     continue;
                 }
                 let sphere = front.sphere(vertex);

@@ -132,6 +132,8 @@ pub struct Paging {
     published_at: u64,
     /// How strong the strongest wish was that found no place in the last list; 0 where there was none.
     weakest_wish: f32,
+    /// Whether there are place holders in which no page ever was, and pages stay where they are until then.
+    has_empty_slots: bool,
     /// Whether there is anything to be read on that list that may find room.
     has_wishes: bool,
     frame: usize,
@@ -154,7 +156,7 @@ impl Paging {
         let PagingOptions { slots, io, io_threads, prefetch, policy } = options;
         let pages = (0..slots).map(|_| model.empty_page()).collect();
         let reserved = reserved_slots(slots, model.header());
-        let pool = Arc::new(Pool::new(pages, reserved, policy));
+        let pool = Arc::new(Pool::new(pages, model.header().page_count as usize, reserved, policy));
         let readers = if io == Io::Sync { 1 } else { io_threads.max(1) };
         let board = Arc::new(Board::new(slots, readers));
         let new_process = || IoProcess::new(model.clone(), pool.clone(), board.clone());
@@ -183,6 +185,7 @@ impl Paging {
             published: Vec::with_capacity(wish_limit),
             published_at: 0,
             weakest_wish: 0.0,
+            has_empty_slots: false,
             has_wishes: false,
             frame: 0,
         };
@@ -203,7 +206,7 @@ impl Paging {
 
     /// The way to pages that lie in a mapped file.
     pub fn mapped(model: Arc<Model>, decoded: DecodedFile) -> Self {
-        let pool = Arc::new(Pool::new(Vec::new(), 0, Policy::None));
+        let pool = Arc::new(Pool::new(Vec::new(), 0, 0, Policy::None));
         let count = decoded.page_count() as usize;
         Paging {
             model,
@@ -223,6 +226,7 @@ impl Paging {
             published: Vec::new(),
             published_at: 0,
             weakest_wish: 0.0,
+            has_empty_slots: false,
             has_wishes: false,
             frame: 0,
         }
@@ -303,7 +307,7 @@ impl Paging {
 
     /// A frame begins.
     pub fn begin_frame(&mut self) {
-        self.pool.begin_frame();
+        self.has_empty_slots = self.pool.begin_frame();
         let stale = self.board.begin_frame();
         self.count_cancelled(stale);
         self.frame += 1;
@@ -396,15 +400,15 @@ impl Paging {
         self.weakest_wish
     }
 
-    /// Whether a page is in use.
+    /// Whether a page is there and will stay, whatever is wished: because it is in use, or because none has to go.
     #[inline]
-    pub fn is_used(&self, page: u32) -> bool {
-        self.slot_of_page.contains_key(&page)
+    pub fn will_stay(&self, page: u32) -> bool {
+        if self.has_empty_slots { self.pool.is_there(page) } else { self.slot_of_page.contains_key(&page) }
     }
 
-    /// The page that the split of this node is in will probably be needed soon. No effect where it is in use.
+    /// The page that the split of this node is in will probably be needed soon. No effect where it will stay anyway.
     pub fn wish(&mut self, want: &Want) {
-        if !self.prefetch || self.is_used(want.page) {
+        if !self.prefetch || self.will_stay(want.page) {
             return;
         }
         if let Some(index) = self.wanted.get(&want.page) {

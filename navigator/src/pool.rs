@@ -61,6 +61,7 @@
 
 use std::ops::{AddAssign, Sub};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use hashbrown::HashMap;
 use metanode::header::Header;
@@ -98,6 +99,16 @@ pub const SLOT_OVERHEAD_BYTES: usize = 2 * size_of::<usize>()
     + size_of::<Slot>()
     + 2 * TABLE_ENTRY_BYTES
     + 2 * size_of::<u32>();
+
+/// Words with a bit for each of so many pages.
+fn there_words(model_pages: usize) -> usize {
+    model_pages.div_ceil(64)
+}
+
+/// Bytes of RAM that the notes take of which pages of a model are there.
+pub fn there_bytes(model_pages: usize) -> usize {
+    2 * size_of::<usize>() + there_words(model_pages) * size_of::<u64>()
+}
 
 /// What becomes of pages that nobody needs at the moment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -305,6 +316,7 @@ struct State {
     /// The pages of the slots; of a slot that is being filled one without records.
     pages: Vec<Arc<Page>>,
     table: HashMap<u32, u32>,
+    is_there: Arc<[AtomicU64]>,
     slots: Vec<Slot>,
     lists: [List; LISTS],
     in_use: usize,
@@ -378,6 +390,8 @@ pub enum Room {
 pub struct Pool {
     state: Mutex<State>,
     slot_count: usize,
+    /// A bit for each page of the model: whether it is in a slot, or on its way there.
+    is_there: Arc<[AtomicU64]>,
     /// Slots that must not be needed for a split that needs one more page.
     least_for_split: usize,
     /// A page without records.
@@ -435,6 +449,22 @@ impl State {
         (entry.before, entry.after) = (before, NONE);
     }
 
+    /// A page is in a slot, or on its way there.
+    fn enter(&mut self, page: u32, slot: u32) {
+        self.table.insert(page, slot);
+        if let Some(word) = self.is_there.get(page as usize / 64) {
+            word.fetch_or(1 << (page % 64), Ordering::Relaxed);
+        }
+    }
+
+    /// It is not any more.
+    fn forget(&mut self, page: u32) {
+        self.table.remove(&page);
+        if let Some(word) = self.is_there.get(page as usize / 64) {
+            word.fetch_and(!(1 << (page % 64)), Ordering::Relaxed);
+        }
+    }
+
     /// The slot with this page. One in the free list gets its second chance: the caller takes it out of there.
     fn find(&mut self, page: u32) -> Option<u32> {
         let slot = *self.table.get(&page)?;
@@ -488,7 +518,7 @@ impl State {
         let (kind, is_needed, is_kept) = (before.kind(self.wishes), before.is_needed(), before.is_kept());
         let is_flushed = kind == Kind::Free && before.stage == Stage::Ready && self.policy == Policy::None;
         if is_flushed {
-            self.table.remove(&before.page);
+            self.forget(before.page);
             self.counters.evicted_untried += u64::from(before.is_untried);
         }
         let only_unwished = (before.kind, kind) == (Kind::Prefetched, Kind::Free);
@@ -532,13 +562,16 @@ impl State {
 }
 
 impl Pool {
-    /// A pool of the given pages, which are empty and all of one size; see [`reserved_slots`].
-    pub fn new(pages: Vec<Page>, reserved: usize, policy: Policy) -> Self {
+    /// A pool of the given place holders, which are empty and all of one size, for a model with so many pages; see
+    /// [`reserved_slots`].
+    pub fn new(pages: Vec<Page>, model_pages: usize, reserved: usize, policy: Policy) -> Self {
         let count = pages.len();
+        let is_there: Arc<[AtomicU64]> = (0..there_words(model_pages)).map(|_| AtomicU64::new(0)).collect();
         let mut state = State {
             policy,
             pages: pages.into_iter().map(Arc::new).collect(),
             table: HashMap::with_capacity(count),
+            is_there: is_there.clone(),
             slots: vec![Slot::EMPTY; count],
             lists: [List { first: NONE, last: NONE, length: 0 }; LISTS],
             in_use: 0,
@@ -555,6 +588,7 @@ impl Pool {
         Pool {
             state: Mutex::new(state),
             slot_count: count,
+            is_there,
             least_for_split,
             nothing: Arc::new(Page::with_slot_bytes(0)),
         }
@@ -570,12 +604,12 @@ impl Pool {
         state.unlink(slot);
         let previous = state.slots[slot as usize];
         if previous.stage != Stage::Empty {
-            state.table.remove(&previous.page);
+            state.forget(previous.page);
             state.counters.evicted += 1;
             state.counters.evicted_wished += u64::from(previous.kind == Kind::Prefetched);
             state.counters.evicted_untried += u64::from(previous.is_untried);
         }
-        state.table.insert(page, slot);
+        state.enter(page, slot);
         state.slots[slot as usize] = Slot { page, stage: Stage::Loading, parent, kind: Kind::Loading, ..Slot::EMPTY };
         state.loading += 1;
         state.version += 1;
@@ -590,11 +624,21 @@ impl Pool {
         Filling { slot, page, ancestors: state.ancestors(slot) }
     }
 
-    /// A frame begins: what was held long enough is let go. Navigator only.
-    pub fn begin_frame(&self) {
+    /// A frame begins: what was held long enough is let go. True if there is a slot in which no page ever was, so that no page has to
+    /// go for another, and none goes without need. Navigator only.
+    pub fn begin_frame(&self) -> bool {
         let mut state = self.state.lock();
         state.frame = state.frame.wrapping_add(1);
         state.end_holds(HOLD_FRAMES);
+        let is_empty = |slot: u32| state.slots.get(slot as usize).is_some_and(|slot| slot.stage == Stage::Empty);
+        state.policy != Policy::None && is_empty(state.first(Kind::Free))
+    }
+
+    /// Whether a page is in a slot, or on its way there: as it was a moment ago, without waiting for anybody.
+    #[inline]
+    pub fn is_there(&self, page: u32) -> bool {
+        let word = self.is_there.get(page as usize / 64);
+        word.is_some_and(|word| word.load(Ordering::Relaxed) >> (page % 64) & 1 == 1)
     }
 
     /// Lets go of all that is held: for who loads pages one at a time, and uses each at once.
@@ -826,7 +870,7 @@ impl Pool {
             None => {
                 (entry.stage, entry.held, entry.is_untried) = (Stage::Empty, None, false);
                 let page = entry.page;
-                state.table.remove(&page);
+                state.forget(page);
                 state.counters.read_failures += 1;
             }
         }
@@ -883,6 +927,10 @@ impl Pool {
             }
         }
         Self::check_ancestors(&state)?;
+        let bits: u32 = self.is_there.iter().map(|word| word.load(Ordering::Relaxed).count_ones()).sum();
+        if bits as usize != state.table.len() || !state.table.keys().all(|page| self.is_there(*page)) {
+            return Err(format!("{bits} pages are noted as being there, {} are", state.table.len()));
+        }
         if in_table != state.table.len() || loading != state.loading {
             return Err(format!(
                 "the hash table has {} entries for {in_table} pages; {loading} are being read, {} by the count",
@@ -993,7 +1041,7 @@ mod tests {
     }
 
     fn pool(model: &Model, slots: usize, policy: Policy) -> Pool {
-        Pool::new((0..slots).map(|_| model.empty_page()).collect(), 0, policy)
+        Pool::new((0..slots).map(|_| model.empty_page()).collect(), model.header().page_count as usize, 0, policy)
     }
 
     /// A model with several levels of pages, and all of its pages, parents first.
@@ -1279,7 +1327,9 @@ mod tests {
                 let (number, parent) = (place.0.number, place.1);
                 let priority = random.unit();
                 match random.below(10) {
-                    0 => pool.begin_frame(),
+                    0 => {
+                        pool.begin_frame();
+                    }
                     1 => {
                         let mut wishes: Vec<_> =
                             places.iter().take(3 * slots).map(|place| (*place, random.unit())).collect();

@@ -11,7 +11,8 @@
 //!
 //! Spheres and cones nest and switch values never fall towards the root, and every view parameter goes with that; so a
 //! node's error is never below that of its descendants (up to rounding), and the nodes with too large an error form the
-//! tops of the trees.
+//! tops of the trees. But for roots: their cones are stored as they are, those below in wider steps (`docs/format.md`, 9.8). So a
+//! root may count as facing away while a child of it does not; then the child, once it is drawn, is kept.
 
 use glam::DVec3;
 use metanode::header::Header;
