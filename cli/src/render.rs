@@ -47,6 +47,10 @@ pub fn run(options: &RenderOptions, json: bool) -> Result<()> {
     if is_film {
         make_folder(&options.output, options.force)?;
     } else {
+        let is_png = |extension: &std::ffi::OsStr| extension.eq_ignore_ascii_case("png");
+        if !options.output.extension().is_some_and(is_png) {
+            bail!("{}: pictures are PNG files: name one that ends in .png", options.output.display());
+        }
         let mut inputs = vec![options.model.as_path()];
         inputs.extend(match &options.path {
             Some(PathSpec::File(path)) => Some(path.as_path()),

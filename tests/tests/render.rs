@@ -127,6 +127,7 @@ fn what_cannot_be_drawn_is_refused() {
     assert_eq!(place.read("there.png"), b"mine");
     place.refuses(1, "render ball.vdt -o there.png --path orbit:3", &["there.png: this is a file", "--frame"]);
     place.refuses(1, "render ball.vdt -o a.png --path orbit:3 --frame 3", &["the path has 3 frames", "no frame 3"]);
+    place.refuses(1, "render ball.vdt -o a.jpg", &["a.jpg: pictures are PNG files"]);
     place.refuses(1, "render ball.vdt -o no/a.png", &["there is no directory no"]);
     place.refuses(1, "render ball.ply -o a.png", &["ball.ply"]);
     place.refuses(1, "render absent.vdt -o a.png", &["absent.vdt"]);
