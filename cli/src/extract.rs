@@ -22,7 +22,7 @@ use crate::statement;
 /// RAM for a view, where nothing else is said.
 const DEFAULT_MEMORY: ByteSize = ByteSize(256 << 20);
 /// After so many frames a view that does not settle is taken as it is.
-const MOST_FRAMES: u64 = 10_000;
+pub const MOST_FRAMES: u64 = 10_000;
 
 /// What was written.
 pub struct Extracted {

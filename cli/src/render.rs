@@ -15,11 +15,10 @@ use serde_json::json;
 use storage::{AtomicFile, ByteSize, Disk, LocalDisk};
 
 use crate::arguments::{PictureSize, RenderOptions};
+use crate::extract::MOST_FRAMES;
 use crate::output::{Report, counted, grouped, length, may_write};
 use crate::progress::Progress;
 
-/// After so many frames a picture that does not settle is taken as it is.
-const MOST_FRAMES: u64 = 10_000;
 /// Bytes for each point while a picture is encoded: its colours once more, and what becomes of them.
 const ENCODING_BYTES: u64 = 7;
 
@@ -52,10 +51,9 @@ pub fn run(options: &RenderOptions, json: bool) -> Result<()> {
             bail!("{}: pictures are PNG files: name one that ends in .png", options.output.display());
         }
         let mut inputs = vec![options.model.as_path()];
-        inputs.extend(match &options.path {
-            Some(PathSpec::File(path)) => Some(path.as_path()),
-            _ => None,
-        });
+        if let Some(PathSpec::File(path)) = &options.path {
+            inputs.push(path);
+        }
         may_write(disk.as_ref(), &options.output, options.force, &inputs)?;
     }
 

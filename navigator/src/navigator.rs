@@ -68,7 +68,7 @@ const GAPS_CLOSED: usize = 512;
 const FRAMES_AHEAD: f64 = 16.0;
 /// What part of the threshold the error of a node must be then.
 const LEAST_WISH: f32 = 0.7;
-/// What part of the weakest wish that found a place a wish must be for it to be looked at.
+/// What part of the strongest wish that found no place a wish must be for it to be looked at.
 const NEARLY: f32 = 0.9;
 /// What part of the threshold the error of a node must be for its split to be kept for the sake of a triangle that would be turned
 /// round. (Out of the picture a sixteenth of the error counts.) Two splits can each need the other: they would stay for ever.
@@ -227,8 +227,8 @@ pub struct AppliedSplit {
 /// Once for each picture: [`Navigator::frame`] with the camera. Then either all triangles are read ([`Navigator::triangles`]), or
 /// copies of [`Navigator::vertex_stream`] and [`Navigator::triangle_stream`] are brought up to date, with what has changed since
 /// the last time ([`Navigator::changed_vertices`], [`Navigator::changed_triangles`]), and then [`Navigator::forget_changes`] is
-/// called. (With geomorphs there is a third stream, [`Navigator::morph_stream`].) At first everything has changed. A copy has to follow the length of its stream, which rises and falls; ranges may reach
-/// beyond its end. `examples/buffers.rs` is that in 30 lines.
+/// called. (With geomorphs there is a third stream, [`Navigator::morph_stream`].) At first everything has changed. A copy has to
+/// follow the length of its stream, which rises and falls; ranges may reach beyond its end. `examples/buffers.rs` is that in 30 lines.
 ///
 /// An error of a frame (a page cannot be read, however often it was tried; the camera cannot be) leaves the front as that of a
 /// cut: it may be drawn, and the next frame goes on from there.

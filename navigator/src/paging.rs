@@ -13,8 +13,9 @@
 //! # Wishes
 //!
 //! A frame names pages that will probably be needed soon (see [`Paging::wish`]). It need not look everywhere: what it names stays
-//! wished for [`SWEEP_FRAMES`] frames, so that each of them may look at its part of the front. At the end of every other one the strongest wishes are
-//! the prefetch list, at most half as many as there are place holders and no more than [`WISH_LIMIT`].
+//! wished for [`SWEEP_FRAMES`] frames, so that each of them may look at its part of the front. At the end of every
+//! other one the strongest wishes are the prefetch list, at most half as many as there are place holders and no more than
+//! [`WISH_LIMIT`].
 
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -437,8 +438,8 @@ impl Paging {
         }
     }
 
-    /// A frame ends: what was wished in it and the last ones is the prefetch list from now on, or from the next one on. True if there is anything to be
-    /// read on it that may find room.
+    /// A frame ends: what was wished in it and the last ones is the prefetch list from now on, or from the next one on. True if
+    /// there is anything to be read on it that may find room.
     pub fn end_frame(&mut self) -> bool {
         if !self.prefetch || (self.wants.is_empty() && self.has_all_pages()) {
             return false;

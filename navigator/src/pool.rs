@@ -316,6 +316,7 @@ struct State {
     /// The pages of the slots; of a slot that is being filled one without records.
     pages: Vec<Arc<Page>>,
     table: HashMap<u32, u32>,
+    /// The pool's notes of what is in the table.
     is_there: Arc<[AtomicU64]>,
     slots: Vec<Slot>,
     lists: [List; LISTS],

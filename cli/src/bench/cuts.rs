@@ -16,12 +16,12 @@ use storage::LocalDisk;
 use vdt::mesh::MeshError;
 use vdt::mesh::writer::{CoordinateType, MeshLayout, MeshWriter, OutputFormat};
 
+use crate::extract::MOST_FRAMES;
+
 /// The shares of the triangles that cuts have, from the finest to the coarsest.
 const SHARES: [f64; 2] = [0.5, 0.005];
 /// Triangles of the cut whose vertices cameras look at.
 const COARSE: u64 = 2000;
-/// After so many frames a view that does not settle is taken as it is.
-const MOST_FRAMES: u64 = 10_000;
 /// Height of the picture, in pixels.
 const HEIGHT: u32 = 1080;
 
