@@ -12,6 +12,7 @@ use metanode::blocking::{ParseBlockingError, check_parameters};
 use metanode::header::{Blocking, ErrorBound, Metric, Strategy};
 use navigator::view_parameters::MOST_FINER;
 use navigator::{Camera, Dependency, Light, PathSpec, ViewParameters};
+use render::Renderer;
 use storage::{ByteSize, EdgeTreeKind, MapAdvice};
 use vdt::generate::{Shape, TRIANGLES};
 use vdt::ingest::PositionsRule;
@@ -530,11 +531,32 @@ pub struct PictureOptions {
     pub size: PictureSize,
 }
 
+/// What pictures are drawn by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum RendererChoice {
+    /// Graphics hardware where there is any, else the processor.
+    Auto,
+    /// Any graphics driver.
+    Gpu,
+    /// The processor, without a driver.
+    Software,
+}
+
+impl From<RendererChoice> for Renderer {
+    fn from(choice: RendererChoice) -> Self {
+        match choice {
+            RendererChoice::Auto => Renderer::Auto,
+            RendererChoice::Gpu => Renderer::Gpu,
+            RendererChoice::Software => Renderer::Software,
+        }
+    }
+}
+
 /// `vdt render`
 #[derive(Debug, Args)]
 #[command(
-    after_long_help = "Pictures are drawn by the processor, without a graphics card or a window, and each time the same. \
-                             Meshes are grey: their colours and textures are not drawn yet.\n\n\
+    after_long_help = "Pictures are drawn without a window: by graphics hardware where there is any, else by the processor. \
+                             A graphics driver takes RAM of its own beside --memory; --renderer software takes none.\n\n\
                              Examples:\n  vdt render bunny.vdt -o bunny.png\n  \
                              vdt render bunny.vdt -o near.png --camera 0,0.1,0.4,0,0.1,0 --size 800x600 --edges\n  \
                              vdt render bunny.vdt -o frame.png --path flyby:400 --frame 120 --memory 16M\n  \
@@ -565,6 +587,19 @@ pub struct RenderOptions {
     /// Draw the sides of the triangles.
     #[arg(long)]
     pub edges: bool,
+    /// Draw levels of detail in colours: each next one has half the error.
+    #[arg(long)]
+    pub levels: bool,
+    /// Draw the meta-nodes in use as boxes.
+    #[arg(long)]
+    pub boxes: bool,
+    /// What to draw by: auto, graphics hardware where there is any, else the processor; gpu, any graphics driver; software,
+    /// the processor without one.
+    #[arg(long, value_enum, default_value_t = RendererChoice::Auto)]
+    pub renderer: RendererChoice,
+    /// Memory on the graphics device.
+    #[arg(long, default_value = "512M")]
+    pub gpu_memory: ByteSize,
     /// With --path: let what a split adds go to its place in so many frames, so that nothing is seen to jump. 0: at once.
     #[arg(long, value_name = "FRAMES", default_value_t = 0, requires = "path", conflicts_with = "settle")]
     pub geomorph: u32,

@@ -10,7 +10,8 @@ use image::{ExtendedColorType, ImageEncoder};
 use metanode::model::Model;
 use navigator::path::overview;
 use navigator::{Camera, FrameStatistics, Io, Navigator, NavigatorError, NavigatorOptions, PathSpec};
-use render::{Buffers, Picture, Projection, Style, draw};
+use render::gpu::Gpu;
+use render::{Painter, Picture, Projection, Style};
 use serde_json::json;
 use storage::{AtomicFile, ByteSize, Disk, LocalDisk};
 
@@ -28,6 +29,8 @@ struct Drawn {
     /// Points of the last picture in which the model is seen.
     points: u64,
     settled: bool,
+    /// Bytes sent to a graphics device.
+    uploaded: u64,
     last: FrameStatistics,
 }
 
@@ -58,7 +61,9 @@ pub fn run(options: &RenderOptions, json: bool) -> Result<()> {
     }
 
     let PictureSize { width, height } = options.picture.size;
-    let for_picture = u64::from(width) * u64::from(height) * (Picture::POINT_BYTES + ENCODING_BYTES);
+    let mut painter = Painter::open(options.renderer.into(), &model, width, height, options.gpu_memory.0)?;
+    let point_bytes = Picture::POINT_BYTES + ENCODING_BYTES.max(painter.point_bytes());
+    let for_picture = u64::from(width) * u64::from(height) * point_bytes;
     let Some(memory) = options.memory.0.checked_sub(for_picture) else {
         let (size, needed) = (format!("{width}x{height}"), ByteSize(for_picture));
         bail!("a picture of {size} points takes {needed} of RAM, more than {}: give more --memory", options.memory);
@@ -68,6 +73,7 @@ pub fn run(options: &RenderOptions, json: bool) -> Result<()> {
         pixels: options.picture.pixels,
         width,
         height,
+        max_triangles: painter.most_triangles(),
         geomorph: options.geomorph,
         io: Io::Sync,
         ..NavigatorOptions::default()
@@ -83,7 +89,8 @@ pub fn run(options: &RenderOptions, json: bool) -> Result<()> {
         opened => opened?,
     };
     let mut picture = Picture::new(width, height);
-    let mut drawn = Drawn { pictures: 0, points: 0, settled: false, last: FrameStatistics::default() };
+    let style = Style { edges: options.edges, levels: options.levels, boxes: options.boxes };
+    let mut drawn = Drawn { pictures: 0, points: 0, settled: false, uploaded: 0, last: FrameStatistics::default() };
     let progress = Progress::new("drawing");
     for (number, camera) in cameras.iter().enumerate() {
         let is_last = number + 1 == cameras.len();
@@ -92,7 +99,9 @@ pub fn run(options: &RenderOptions, json: bool) -> Result<()> {
         drawn.last =
             if is_to_settle { navigator.run_until_settled(camera, MOST_FRAMES)? } else { navigator.frame(camera)? };
         if is_to_be_drawn {
-            paint(&mut picture, &navigator, camera, options.edges)?;
+            let header = model.header();
+            let projection = Projection::new(camera, header.origin, header.diagonal(), width, height)?;
+            drawn.uploaded += painter.paint(&mut picture, &mut navigator, &projection, style)?.bytes;
             let path = if is_film { frame_path(&options.output, number) } else { options.output.clone() };
             write(&disk, &path, &picture)?;
             drawn.pictures += 1;
@@ -103,7 +112,7 @@ pub fn run(options: &RenderOptions, json: bool) -> Result<()> {
     drawn.points = picture.distances().filter(|distance| distance.is_finite()).count() as u64;
     drawn.settled = navigator.settled();
     drop(navigator);
-    tell(options, &model, &drawn, start.elapsed().as_secs_f64(), json)
+    tell(options, &model, &painter, &drawn, start.elapsed().as_secs_f64(), json)
 }
 
 fn frames(cameras: &[Camera]) -> String {
@@ -146,20 +155,6 @@ fn frame_path(folder: &Path, number: usize) -> PathBuf {
     folder.join(format!("{number:06}.png"))
 }
 
-/// Draws what the navigator has for this camera.
-fn paint(picture: &mut Picture, navigator: &Navigator, camera: &Camera, edges: bool) -> Result<()> {
-    let header = navigator.model().header();
-    let projection = Projection::new(camera, header.origin, header.diagonal(), picture.width(), picture.height())?;
-    let buffers = Buffers {
-        vertices: navigator.vertex_stream(),
-        morphs: navigator.morph_stream(),
-        triangles: navigator.triangle_stream(),
-    };
-    picture.clear();
-    draw(picture, &projection, buffers, Style { edges });
-    Ok(())
-}
-
 fn write(disk: &Arc<dyn Disk>, path: &Path, picture: &Picture) -> Result<()> {
     let mut bytes = Vec::new();
     let colours = picture.colours().as_flattened();
@@ -172,7 +167,14 @@ fn write(disk: &Arc<dyn Disk>, path: &Path, picture: &Picture) -> Result<()> {
     Ok(())
 }
 
-fn tell(options: &RenderOptions, model: &Model, drawn: &Drawn, seconds: f64, json: bool) -> Result<()> {
+fn tell(
+    options: &RenderOptions,
+    model: &Model,
+    painter: &Painter,
+    drawn: &Drawn,
+    seconds: f64,
+    json: bool,
+) -> Result<()> {
     let PictureSize { width, height } = options.picture.size;
     let (last, pixels) = (&drawn.last, options.picture.pixels);
     let mut report = Report::default();
@@ -188,7 +190,8 @@ fn tell(options: &RenderOptions, model: &Model, drawn: &Drawn, seconds: f64, jso
     report.line("triangles", format!("{} of {all} in the last", grouped(last.triangles)));
     report
         .line("error", format!("{:.2} pixels, {} in mesh units", last.pixels_drawn, length(last.error_stated.into())));
-    report.line("drawn by", "the processor");
+    let device = painter.device().map(Gpu::name);
+    report.line("drawn by", device.unwrap_or("the processor"));
     let is_single = options.path.is_none() || options.settle;
     if last.threshold_factor > 1.0 {
         let allowed = pixels * last.threshold_factor;
@@ -207,7 +210,9 @@ fn tell(options: &RenderOptions, model: &Model, drawn: &Drawn, seconds: f64, jso
         "guaranteed": last.guaranteed,
         "threshold_factor": last.threshold_factor,
         "settled": drawn.settled,
-        "renderer": "software",
+        "renderer": if device.is_some() { "gpu" } else { "software" },
+        "device": device,
+        "uploaded_bytes": drawn.uploaded,
         "seconds": seconds,
         "peak_rss_bytes": storage::usage::peak_resident_bytes(),
     });

@@ -62,7 +62,7 @@ pub use dependency::Dependency;
 pub use front::Misfit;
 pub use io_process::Io;
 pub use navigator::{
-    ActiveNode, ActiveTriangle, AppliedSplit, MAX_ADAPTS, Navigator, NavigatorError, NavigatorOptions,
+    ActiveMetaNode, ActiveNode, ActiveTriangle, AppliedSplit, MAX_ADAPTS, Navigator, NavigatorError, NavigatorOptions,
 };
 pub use path::PathSpec;
 pub use pool::{Policy, PoolCounters};

@@ -220,6 +220,20 @@ pub struct AppliedSplit {
     pub page: u32,
 }
 
+/// A meta-node that is in use, and where the vertices are that its splits bore.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ActiveMetaNode {
+    /// Its number.
+    pub page: u32,
+    /// How many of its splits are applied.
+    pub splits: u32,
+    /// The box around the vertices that they bore and those that they bore them from, in mesh units relative to the model's
+    /// origin: its least corner,
+    pub minimum: [f32; 3],
+    /// and its largest.
+    pub maximum: [f32; 3],
+}
+
 /// A model being looked at.
 ///
 /// # What a caller does
@@ -580,6 +594,34 @@ impl Navigator {
             born_leaf: self.front.interval(born).0,
             page: self.paging.page_number(self.front.slot(born)),
         })
+    }
+
+    /// The meta-nodes in use, by their numbers. Takes RAM for them beyond the budget; for pictures of how a front is paged.
+    pub fn active_meta_nodes(&self) -> Vec<ActiveMetaNode> {
+        let mut found: Vec<ActiveMetaNode> = Vec::new();
+        // Place holders by their numbers: where each one's meta-node is in that list, counted from 1.
+        let mut places = vec![0_usize; self.budget.slots];
+        for born in self.front.born() {
+            let slot = self.front.slot(born);
+            let place = &mut places[slot as usize];
+            if *place == 0 {
+                let nothing = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+                let page = self.paging.page_number(slot);
+                found.push(ActiveMetaNode { page, splits: 0, minimum: nothing.0, maximum: nothing.1 });
+                *place = found.len();
+            }
+            let node = &mut found[*place - 1];
+            node.splits += 1;
+            for vertex in [born, self.front.kept(born)] {
+                let position = self.front.sphere(vertex).position;
+                for axis in 0..3 {
+                    node.minimum[axis] = node.minimum[axis].min(position[axis]);
+                    node.maximum[axis] = node.maximum[axis].max(position[axis]);
+                }
+            }
+        }
+        found.sort_unstable_by_key(|node| node.page);
+        found
     }
 
     /// What can be said of the drawn surface's distance from the input, in the picture or not. Takes 31 bytes of RAM for

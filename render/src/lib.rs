@@ -1,12 +1,27 @@
 //! Pictures of what a [`Navigator`](navigator::Navigator) draws. Nothing here touches the disk.
 //!
-//! [`Projection`] says where on the picture a place of the model is, [`draw`] fills a [`Picture`] with the triangles of the front.
-//! That is done without a graphics card or its driver, by the processor alone, and each time in the same way.
+//! | module | what it does |
+//! |---|---|
+//! | `projection` | where on the picture a place of the model is |
+//! | `style` | what is to be seen |
+//! | `painter` | draws pictures by a graphics device, or else by the processor |
+//! | `picture` | a picture in RAM |
+//! | `rasteriser` | draws by the processor alone, each time in the same way |
+//! | [`levels`] | levels of detail as colours |
+//! | [`boxes`] | meta-nodes as boxes |
+//! | [`gpu`] | draws on a graphics device, with or without a window |
 
+pub mod boxes;
+pub mod gpu;
+pub mod levels;
+mod painter;
 mod picture;
 mod projection;
 mod rasteriser;
+mod style;
 
+pub use painter::{Painter, Renderer};
 pub use picture::Picture;
 pub use projection::Projection;
-pub use rasteriser::{Buffers, Style, draw};
+pub use rasteriser::{Buffers, draw, draw_lines};
+pub use style::Style;

@@ -1,7 +1,7 @@
 //! A picture: for each point its colour, and how near the surface is that is seen there.
 
 /// Colour where nothing is drawn: sRGB.
-const BACKGROUND: [u8; 3] = [30, 32, 38];
+pub(crate) const BACKGROUND: [u8; 3] = [30, 32, 38];
 
 /// A picture, row by row from its top left corner.
 #[derive(Debug, Clone, PartialEq)]

@@ -59,6 +59,16 @@ impl Projection {
         self.nearest
     }
 
+    /// The eye, relative to the model's origin.
+    pub(crate) fn eye(&self) -> DVec3 {
+        self.eye
+    }
+
+    /// Directions to the right, up, and into the picture; the first two as long as one over the tangent of half the angle of view.
+    pub(crate) fn directions(&self) -> [DVec3; 3] {
+        [self.right, self.up, self.forward]
+    }
+
     /// A direction to a light that goes with the eye: over the left shoulder. Of length one.
     pub fn headlight(&self) -> DVec3 {
         (-1.2 * self.forward + self.up.normalize() - self.right.normalize()).normalize()

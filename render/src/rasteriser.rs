@@ -14,6 +14,8 @@
 use glam::DVec3;
 use metanode::page::Normal;
 
+use crate::boxes::LineEnd;
+use crate::levels::colour;
 use crate::picture::Picture;
 use crate::projection::{Place, Projection};
 
@@ -39,13 +41,8 @@ pub struct Buffers<'a> {
     pub morphs: &'a [[f32; 4]],
     /// Corners, see [`Navigator::triangle_stream`](navigator::Navigator::triangle_stream).
     pub triangles: &'a [[u32; 3]],
-}
-
-/// How it is drawn.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Style {
-    /// Whether the sides of the triangles are seen.
-    pub edges: bool,
+    /// Levels of detail, by the numbers of the vertices; empty where their colours are not to be seen.
+    pub levels: &'a [u8],
 }
 
 /// A vertex as the eye sees it, with its normal.
@@ -53,6 +50,8 @@ pub struct Style {
 struct Vertex {
     place: Place,
     normal: DVec3,
+    /// The part of the light that the surface throws back: red, green and blue.
+    surface: DVec3,
 }
 
 /// A corner of a triangle on the picture.
@@ -61,14 +60,15 @@ struct Corner {
     /// In steps, from the top left corner.
     x: i64,
     y: i64,
-    /// One over the depth, and the normal times that: both are linear on the picture.
+    /// One over the depth, and normal and surface times that: these are linear on the picture.
     nearness: f64,
     normal: DVec3,
+    surface: DVec3,
 }
 
-/// Draws the triangles into the picture, before and behind what is there already.
-pub fn draw(picture: &mut Picture, projection: &Projection, buffers: Buffers<'_>, style: Style) {
-    let mut painter = Painter { picture, light: projection.headlight(), style };
+/// Draws the triangles into the picture, before and behind what is there already, with their sides or without.
+pub fn draw(picture: &mut Picture, projection: &Projection, buffers: Buffers<'_>, edges: bool) {
+    let mut painter = Painter { picture, light: projection.headlight(), edges };
     for corners in buffers.triangles {
         if corners[0] != corners[1] && corners[1] != corners[2] && corners[2] != corners[0] {
             painter.triangle(corners.map(|corner| seen(projection, &buffers, corner as usize)), projection.nearest());
@@ -86,7 +86,8 @@ fn seen(projection: &Projection, buffers: &Buffers<'_>, vertex: usize) -> Vertex
         _ => [x, y, z],
     };
     let normal = DVec3::from_array(Normal::from_word(normal.to_bits()).decode().map(f64::from));
-    Vertex { place: projection.place(position), normal }
+    let surface = buffers.levels.get(vertex).map_or(SURFACE, |level| colour(*level).map(f64::from));
+    Vertex { place: projection.place(position), normal, surface: DVec3::from_array(surface) }
 }
 
 /// By how much a place is on the inner side of each plane at which triangles are cut: the one before the eye, and four far out of
@@ -100,10 +101,15 @@ fn insides(place: Place, nearest: f64) -> [f64; 5] {
 /// The vertex between two, on the side of a plane that the first is within by `inside`, and the second beyond by `outside`.
 fn between(within: Vertex, inside: f64, beyond: Vertex, outside: f64) -> Vertex {
     let part = inside / (inside + outside);
+    let place = place_between(within.place, beyond.place, part);
+    let (normal, surface) = (within.normal.lerp(beyond.normal, part), within.surface.lerp(beyond.surface, part));
+    Vertex { place, normal, surface }
+}
+
+/// The place a part of the way from one to another.
+fn place_between(from: Place, to: Place, part: f64) -> Place {
     let mix = |from: f64, to: f64| from + part * (to - from);
-    let (from, to) = (within.place, beyond.place);
-    let place = Place { x: mix(from.x, to.x), y: mix(from.y, to.y), depth: mix(from.depth, to.depth) };
-    Vertex { place, normal: within.normal.lerp(beyond.normal, part) }
+    Place { x: mix(from.x, to.x), y: mix(from.y, to.y), depth: mix(from.depth, to.depth) }
 }
 
 /// The part of a polygon that is on the inner side of a plane.
@@ -128,7 +134,7 @@ fn cut(polygon: &[Vertex], nearest: f64, plane: usize) -> Vec<Vertex> {
 struct Painter<'a> {
     picture: &'a mut Picture,
     light: DVec3,
-    style: Style,
+    edges: bool,
 }
 
 impl Painter<'_> {
@@ -149,11 +155,10 @@ impl Painter<'_> {
         others.windows(2).for_each(|pair| self.fill([*first, pair[0], pair[1]]));
     }
 
-    fn corner(&self, Vertex { place: Place { x, y, depth }, normal }: Vertex) -> Corner {
-        let (width, height) = (f64::from(self.picture.width()), f64::from(self.picture.height()));
-        let steps = |points: f64| (points * STEPS as f64).round() as i64;
-        let (x, y) = ((0.5 + 0.5 * x / depth) * width, (0.5 - 0.5 * y / depth) * height);
-        Corner { x: steps(x), y: steps(y), nearness: 1.0 / depth, normal: normal / depth }
+    fn corner(&self, Vertex { place, normal, surface }: Vertex) -> Corner {
+        let [x, y] = on_picture(self.picture, place).map(|points| (points * STEPS as f64).round() as i64);
+        let nearness = 1.0 / place.depth;
+        Corner { x, y, nearness, normal: normal * nearness, surface: surface * nearness }
     }
 
     fn fill(&mut self, [first, mut second, mut third]: [Corner; 3]) {
@@ -196,9 +201,14 @@ impl Painter<'_> {
                         *nearest = near;
                         let normal: DVec3 = (0..3).map(|corner| shares[corner] * corners[corner].normal).sum();
                         let is_side = |side: usize| areas[side] as f64 <= SIDE_WIDTH * STEPS as f64 * lengths[side];
-                        let surface = if self.style.edges && (0..3).any(is_side) { SIDE } else { SURFACE };
+                        let surface = if self.edges && (0..3).any(is_side) {
+                            DVec3::from_array(SIDE)
+                        } else {
+                            (0..3).map(|corner| shares[corner] * corners[corner].surface).sum::<DVec3>()
+                                / f64::from(near)
+                        };
                         let direct = (facing * normal.normalize_or_zero().dot(self.light)).max(0.0);
-                        *colour = surface.map(|part| srgb(part * (AMBIENT + (1.0 - AMBIENT) * direct)));
+                        *colour = surface.to_array().map(|part| srgb(part * (AMBIENT + (1.0 - AMBIENT) * direct)));
                     }
                 }
                 for (area, (from, to)) in areas.iter_mut().zip(&sides) {
@@ -207,6 +217,58 @@ impl Painter<'_> {
             }
         }
     }
+}
+
+/// Draws lines into the picture, before and behind what is there already: each two ends are one.
+pub fn draw_lines(picture: &mut Picture, projection: &Projection, lines: &[LineEnd]) {
+    for ends in lines.as_chunks::<2>().0 {
+        let mut line = ends.iter().map(|end| projection.place(end.position)).collect::<Vec<_>>();
+        for plane in 0..5 {
+            let insides = [line[0], line[1]].map(|place| insides(place, projection.nearest())[plane]);
+            let cut = |inner: usize, outer: usize| {
+                place_between(line[inner], line[outer], insides[inner] / (insides[inner] - insides[outer]))
+            };
+            match insides.map(|inside| inside >= 0.0) {
+                [true, true] => {}
+                [true, false] => line[1] = cut(0, 1),
+                [false, true] => line[0] = cut(1, 0),
+                [false, false] => line.clear(),
+            }
+            if line.is_empty() {
+                break;
+            }
+        }
+        if let [from, to] = line[..] {
+            draw_line(picture, [from, to], ends[0].colour);
+        }
+    }
+}
+
+/// One point in each row or column, whichever of them it goes through more of.
+fn draw_line(picture: &mut Picture, ends: [Place; 2], colour: [u8; 4]) {
+    let [from, to] = ends.map(|end| on_picture(picture, end));
+    let [red, green, blue, _] = colour;
+    let stored = [red, green, blue].map(|part| srgb(f64::from(part) / 255.0));
+    let steps = (to[0] - from[0]).abs().max((to[1] - from[1]).abs()).ceil();
+    let nearness = ends.map(|end| 1.0 / end.depth);
+    for step in 0..=steps as u64 {
+        let part = if steps > 0.0 { step as f64 / steps } else { 0.0 };
+        let [x, y] = [0, 1].map(|axis| (from[axis] + part * (to[axis] - from[axis])).floor());
+        if x < 0.0 || y < 0.0 || x >= f64::from(picture.width()) || y >= f64::from(picture.height()) {
+            continue;
+        }
+        let near = (nearness[0] + part * (nearness[1] - nearness[0])) as f32;
+        let (colours, nearest) = picture.row(y as usize, x as usize, x as usize + 1);
+        if near > nearest[0] {
+            (colours[0], nearest[0]) = (stored, near);
+        }
+    }
+}
+
+/// Points from the left and from the top.
+fn on_picture(picture: &Picture, Place { x, y, depth }: Place) -> [f64; 2] {
+    let (width, height) = (f64::from(picture.width()), f64::from(picture.height()));
+    [(0.5 + 0.5 * x / depth) * width, (0.5 - 0.5 * y / depth) * height]
 }
 
 /// Twice the area of the triangle of two corners and a place; positive where the place is to the right of the way from one to the

@@ -1,0 +1,128 @@
+//! Pictures without a window: drawn on the device, and read back.
+//!
+//! Memory on the device: 8 bytes a point, and as much again for what is read back; in RAM that of the [`Picture`], and of what is read back.
+
+use wgpu::{Buffer, BufferUsages, Texture, TextureFormat, TextureUsages};
+
+use super::device::{Gpu, GpuError};
+use super::mirror::buffer;
+use super::scene::{DEPTH_FORMAT, Scene, SceneView};
+use crate::picture::Picture;
+
+/// Format of the colours.
+const FORMAT: TextureFormat = TextureFormat::Rgba8Unorm;
+/// Bytes of a point, in either texture.
+const POINT_BYTES: u32 = 4;
+
+/// What a picture is drawn into.
+#[derive(Debug)]
+pub struct OffScreen {
+    size: [u32; 2],
+    colours: Texture,
+    depths: Texture,
+    /// Where the colours, and then the depths, are read.
+    back: Buffer,
+}
+
+impl OffScreen {
+    /// The format that its scene has to have.
+    pub const FORMAT: TextureFormat = FORMAT;
+
+    /// Bytes of RAM for each point, while a picture is read back.
+    pub const POINT_BYTES: u64 = 2 * POINT_BYTES as u64;
+
+    /// Bytes on the device for a picture of so many points.
+    pub fn bytes_for(width: u32, height: u32) -> u64 {
+        let textures = 2 * u64::from(POINT_BYTES) * u64::from(width) * u64::from(height);
+        textures + 2 * u64::from(row_bytes(width)) * u64::from(height)
+    }
+
+    /// One of so many points.
+    pub fn new(gpu: &Gpu, width: u32, height: u32) -> Result<Self, GpuError> {
+        let most = gpu.device.limits().max_texture_dimension_2d;
+        if width > most || height > most {
+            let problem = format!("its pictures have at most {most}x{most} points, not {width}x{height}");
+            return Err(GpuError::TooLittle { driver: gpu.name().to_owned(), problem });
+        }
+        let texture = |label: &str, format: TextureFormat| {
+            gpu.device.create_texture(&wgpu::TextureDescriptor {
+                label: Some(label),
+                size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_SRC,
+                view_formats: &[],
+            })
+        };
+        let bytes = 2 * u64::from(row_bytes(width)) * u64::from(height);
+        let back = buffer(gpu, "picture", bytes, BufferUsages::COPY_DST | BufferUsages::MAP_READ);
+        let drawn = OffScreen {
+            size: [width, height],
+            colours: texture("colours", FORMAT),
+            depths: texture("depths", DEPTH_FORMAT),
+            back,
+        };
+        gpu.check()?;
+        Ok(drawn)
+    }
+
+    /// Draws a scene as a view sees it, and reads the picture back. What the view says of where is ignored: it is all of the picture.
+    pub fn draw(&self, gpu: &Gpu, scene: &mut Scene, view: &SceneView, picture: &mut Picture) -> Result<(), GpuError> {
+        let [width, height] = self.size;
+        let view = SceneView { rectangle: [0, 0, width, height], ..*view };
+        let (target, depth) =
+            (self.colours.create_view(&Default::default()), self.depths.create_view(&Default::default()));
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        scene.draw(gpu, &mut encoder, &target, &depth, &[view]);
+        let row = row_bytes(width);
+        let of_colours = u64::from(row) * u64::from(height);
+        for (texture, offset) in [(&self.colours, 0), (&self.depths, of_colours)] {
+            encoder.copy_texture_to_buffer(
+                texture.as_image_copy(),
+                wgpu::TexelCopyBufferInfo {
+                    buffer: &self.back,
+                    layout: wgpu::TexelCopyBufferLayout {
+                        offset,
+                        bytes_per_row: Some(row),
+                        rows_per_image: Some(height),
+                    },
+                },
+                texture.size(),
+            );
+        }
+        gpu.queue.submit([encoder.finish()]);
+        let failed = |problem: String| GpuError::Failed { driver: gpu.name().to_owned(), problem };
+        let (tell, told) = std::sync::mpsc::channel();
+        self.back.slice(..).map_async(wgpu::MapMode::Read, move |result| {
+            // Who asked waits for it below.
+            let _ = tell.send(result);
+        });
+        gpu.wait()?;
+        let mapped = told.recv().map_err(|error| failed(error.to_string()))?;
+        mapped.map_err(|error| failed(error.to_string()))?;
+        {
+            let bytes = self.back.slice(..).get_mapped_range().map_err(|error| failed(error.to_string()))?;
+            let (colours, depths) = bytes.split_at(of_colours as usize);
+            let nearest = view.projection.nearest() as f32;
+            let rows = colours.chunks_exact(row as usize).zip(depths.chunks_exact(row as usize));
+            for (number, (colours, depths)) in rows.enumerate() {
+                let (row_colours, row_nearness) = picture.row(number, 0, width as usize);
+                for (colour, stored) in row_colours.iter_mut().zip(colours.chunks_exact(4)) {
+                    *colour = [stored[0], stored[1], stored[2]];
+                }
+                for (nearness, stored) in row_nearness.iter_mut().zip(depths.chunks_exact(4)) {
+                    *nearness = f32::from_le_bytes([stored[0], stored[1], stored[2], stored[3]]) / nearest;
+                }
+            }
+        }
+        self.back.unmap();
+        Ok(())
+    }
+}
+
+/// Bytes of a row that is read back.
+fn row_bytes(width: u32) -> u32 {
+    (width * POINT_BYTES).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT)
+}

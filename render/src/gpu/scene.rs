@@ -1,0 +1,463 @@
+//! A front on the device: copies of the navigator's streams, and what draws them.
+//!
+//! The vertex shader fetches corners and vertices itself out of the copies, so that streams may lie in several buffers, each within
+//! what the device allows, and a triangle may have its vertices in any of them.
+//!
+//! Depth is one over the distance (the nearest is 1, what is infinitely far 0), so that it is as exact far away as near. The eye
+//! is given as a sum of two numbers in single precision: what is near it is at its place to the last bit of its own position.
+//!
+//! Memory on the device: what [`Scene::bytes`] tells, never more than [`SceneOptions::memory`].
+
+use std::num::NonZeroU64;
+
+use bytemuck::{Pod, Zeroable, cast_slice};
+use glam::{DVec3, Vec3};
+use metanode::model::Model;
+use navigator::Navigator;
+use wgpu::{
+    BindGroup, BindGroupLayout, BindingType, Buffer, BufferUsages, CommandEncoder, RenderPass, RenderPipeline,
+    ShaderStages, TextureFormat, TextureView,
+};
+
+use super::device::{BUFFERS_PER_PART, Gpu, GpuError, OTHER_BUFFERS};
+use super::mirror::{BLOCK_BYTES, Courier, Mirror, Upload, buffer};
+use crate::boxes::{LineEnd, box_lines};
+use crate::levels::{BLOCK, LEVELS, Levels, colour};
+use crate::picture::BACKGROUND;
+use crate::projection::Projection;
+use crate::style::Style;
+
+/// Format of the depths.
+pub const DEPTH_FORMAT: TextureFormat = TextureFormat::Depth32Float;
+/// Most views that are drawn at once.
+const MOST_VIEWS: usize = 4;
+/// Bytes from one view to the next: any device's alignment.
+const VIEW_STRIDE: u64 = 256;
+/// Most parts that vertices are divided into.
+const MOST_PARTS: usize = 8;
+/// Ranges of a stream with at most so many elements between them are sent as one.
+const GAP: u32 = 8;
+/// Vertices for each triangle that GPU memory is planned for. (Closed surfaces have half of that.)
+const VERTICES_PER_TRIANGLE: f64 = 1.0;
+/// Bytes of an element of each stream.
+const VERTEX_BYTES: usize = 16;
+const MORPH_BYTES: usize = 16;
+const TRIANGLE_BYTES: usize = 12;
+
+/// How a front lies on the device.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SceneOptions {
+    /// Bytes on the device, at most.
+    pub memory: u64,
+    /// Format of the pictures: one in which colours are stored as they are, not one that the device turns into sRGB.
+    pub format: TextureFormat,
+    /// The most bytes of a buffer, where that is to be less than the device allows.
+    pub most_buffer_bytes: Option<u64>,
+}
+
+/// What is seen in a part of the picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SceneView {
+    /// From where.
+    pub projection: Projection,
+    /// x, y, width and height of the part, in points from the top left.
+    pub rectangle: [u32; 4],
+    /// What of it.
+    pub style: Style,
+}
+
+/// The uniform of the shader.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct View {
+    eye: [f32; 4],
+    eye_rest: [f32; 4],
+    right: [f32; 4],
+    up: [f32; 4],
+    forward: [f32; 4],
+    light: [f32; 4],
+    flags: [u32; 4],
+}
+
+/// A front on the device.
+#[derive(Debug)]
+pub struct Scene {
+    options: SceneOptions,
+    diagonal: f64,
+    courier: Courier,
+    vertices: Mirror,
+    morphs: Mirror,
+    triangles: Mirror,
+    level_mirror: Mirror,
+    levels: Levels,
+    lines: Option<(Buffer, u32)>,
+    views: Buffer,
+    has_morphs: bool,
+    view_group: BindGroup,
+    triangle_layout: BindGroupLayout,
+    triangle_groups: Vec<BindGroup>,
+    vertex_layout: BindGroupLayout,
+    vertex_group: BindGroup,
+    surfaces: RenderPipeline,
+    line_pipeline: RenderPipeline,
+}
+
+impl Scene {
+    /// The scene of a model, with nothing in it yet.
+    pub fn new(gpu: &Gpu, model: &Model, options: SceneOptions) -> Result<Self, GpuError> {
+        let most_bytes = options.most_buffer_bytes.unwrap_or(u64::MAX).min(gpu.most_buffer_bytes());
+        let for_parts = gpu.device.limits().max_storage_buffers_per_shader_stage - OTHER_BUFFERS;
+        let parts = ((for_parts / BUFFERS_PER_PART) as usize).min(MOST_PARTS);
+        // As many vertices in a part of each of their streams.
+        let vertices = Mirror::new(gpu, "vertices", VERTEX_BYTES, most_bytes, parts);
+        let part_bytes = |element_bytes: u64| element_bytes << vertices.part_shift();
+        let morphs = Mirror::new(gpu, "morphs", MORPH_BYTES, part_bytes(MORPH_BYTES as u64), parts);
+        let triangles = Mirror::new(gpu, "triangles", TRIANGLE_BYTES, most_bytes, usize::MAX);
+        let level_mirror = Mirror::new(gpu, "levels", BLOCK, most_bytes, 1);
+
+        let views =
+            buffer(gpu, "views", MOST_VIEWS as u64 * VIEW_STRIDE, BufferUsages::UNIFORM | BufferUsages::COPY_DST);
+        let colours = (0..LEVELS as u8).map(|level| {
+            let [red, green, blue] = colour(level);
+            [red, green, blue, 1.0]
+        });
+        let colours: Vec<[f32; 4]> = colours.collect();
+        let level_colours =
+            buffer(gpu, "level colours", (LEVELS * 16) as u64, BufferUsages::UNIFORM | BufferUsages::COPY_DST);
+        gpu.queue.write_buffer(&level_colours, 0, cast_slice(&colours));
+
+        let uniform = |binding: u32, has_offset: bool, bytes: u64| wgpu::BindGroupLayoutEntry {
+            binding,
+            visibility: ShaderStages::VERTEX_FRAGMENT,
+            ty: BindingType::Buffer {
+                ty: wgpu::BufferBindingType::Uniform,
+                has_dynamic_offset: has_offset,
+                min_binding_size: NonZeroU64::new(bytes),
+            },
+            count: None,
+        };
+        let storage = |binding: u32| wgpu::BindGroupLayoutEntry {
+            binding,
+            visibility: ShaderStages::VERTEX,
+            ty: BindingType::Buffer {
+                ty: wgpu::BufferBindingType::Storage { read_only: true },
+                has_dynamic_offset: false,
+                min_binding_size: None,
+            },
+            count: None,
+        };
+        let layout = |label: &str, entries: &[wgpu::BindGroupLayoutEntry]| {
+            let descriptor = wgpu::BindGroupLayoutDescriptor { label: Some(label), entries };
+            gpu.device.create_bind_group_layout(&descriptor)
+        };
+        let view_bytes = size_of::<View>() as u64;
+        let view_layout = layout("view", &[uniform(0, true, view_bytes), uniform(1, false, (LEVELS * 16) as u64)]);
+        let triangle_layout = layout("triangles", &[storage(0)]);
+        let entries: Vec<_> = (0..1 + 2 * parts as u32).map(storage).collect();
+        let vertex_layout = layout("vertices", &entries);
+        let one_view = wgpu::BufferBinding { buffer: &views, offset: 0, size: NonZeroU64::new(view_bytes) };
+        let view_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("view"),
+            layout: &view_layout,
+            entries: &[
+                wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::Buffer(one_view) },
+                wgpu::BindGroupEntry { binding: 1, resource: level_colours.as_entire_binding() },
+            ],
+        });
+
+        let source = include_str!("shader.wgsl").replace("//PARTS//", &parts_of_shader(parts, vertices.part_shift()));
+        let shader = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some("front"),
+            source: wgpu::ShaderSource::Wgsl(source.into()),
+        });
+        let pipeline_layout = |layouts: &[Option<&BindGroupLayout>]| {
+            let descriptor =
+                wgpu::PipelineLayoutDescriptor { label: Some("front"), bind_group_layouts: layouts, immediate_size: 0 };
+            gpu.device.create_pipeline_layout(&descriptor)
+        };
+        let of_surfaces = pipeline_layout(&[Some(&view_layout), Some(&triangle_layout), Some(&vertex_layout)]);
+        let of_lines = pipeline_layout(&[Some(&view_layout)]);
+        let line_ends = wgpu::VertexBufferLayout {
+            array_stride: size_of::<LineEnd>() as u64,
+            step_mode: wgpu::VertexStepMode::Vertex,
+            attributes: &wgpu::vertex_attr_array![0 => Float32x3, 1 => Unorm8x4],
+        };
+        let pipeline = |layout: &wgpu::PipelineLayout,
+                        [vertex, fragment]: [&str; 2],
+                        buffers: &[Option<wgpu::VertexBufferLayout<'_>>],
+                        topology: wgpu::PrimitiveTopology| {
+            gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+                label: Some(fragment),
+                layout: Some(layout),
+                vertex: wgpu::VertexState {
+                    module: &shader,
+                    entry_point: Some(vertex),
+                    compilation_options: Default::default(),
+                    buffers,
+                },
+                primitive: wgpu::PrimitiveState { topology, ..Default::default() },
+                depth_stencil: Some(wgpu::DepthStencilState {
+                    format: DEPTH_FORMAT,
+                    depth_write_enabled: Some(true),
+                    depth_compare: Some(wgpu::CompareFunction::Greater),
+                    stencil: Default::default(),
+                    bias: Default::default(),
+                }),
+                multisample: Default::default(),
+                fragment: Some(wgpu::FragmentState {
+                    module: &shader,
+                    entry_point: Some(fragment),
+                    compilation_options: Default::default(),
+                    targets: &[Some(options.format.into())],
+                }),
+                multiview_mask: None,
+                cache: None,
+            })
+        };
+        let surfaces = pipeline(&of_surfaces, ["corner", "surface"], &[], wgpu::PrimitiveTopology::TriangleList);
+        let line_pipeline =
+            pipeline(&of_lines, ["line_end", "line"], &[Some(line_ends)], wgpu::PrimitiveTopology::LineList);
+
+        let vertex_group = vertex_group(gpu, &vertex_layout, parts, [&level_mirror, &vertices, &morphs]);
+        let mut scene = Scene {
+            options,
+            diagonal: model.header().diagonal(),
+            courier: Courier::new(gpu),
+            vertices,
+            morphs,
+            triangles,
+            level_mirror,
+            levels: Levels::default(),
+            lines: None,
+            views,
+            has_morphs: false,
+            view_group,
+            triangle_layout,
+            triangle_groups: Vec::new(),
+            vertex_layout,
+            vertex_group,
+            surfaces,
+            line_pipeline,
+        };
+        scene.bind_triangles(gpu);
+        gpu.check()?;
+        if scene.bytes() > options.memory {
+            let (allowed, needed) = (options.memory, scene.bytes());
+            return Err(GpuError::Memory { allowed, needed, what: "an empty scene" });
+        }
+        Ok(scene)
+    }
+
+    fn bind_triangles(&mut self, gpu: &Gpu) {
+        let group = |part: &Buffer| {
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("triangles"),
+                layout: &self.triangle_layout,
+                entries: &[wgpu::BindGroupEntry { binding: 0, resource: part.as_entire_binding() }],
+            })
+        };
+        self.triangle_groups = self.triangles.parts().iter().map(group).collect();
+    }
+
+    /// Bytes on the device.
+    pub fn bytes(&self) -> u64 {
+        let streams = [&self.vertices, &self.morphs, &self.triangles, &self.level_mirror].map(Mirror::bytes);
+        let lines = self.lines.as_ref().map_or(0, |(lines, _)| lines.size());
+        streams.iter().sum::<u64>() + lines + self.views.size() + BLOCK_BYTES as u64
+    }
+
+    /// The most triangles for which the memory allowed will do whatever the front is like.
+    pub fn most_triangles(&self) -> u64 {
+        // Buffers grow by doubling: at worst the new one is twice what is needed, beside the old one.
+        let vertex_bytes = (VERTEX_BYTES + MORPH_BYTES + 1) as f64 * VERTICES_PER_TRIANGLE;
+        let triangle_bytes = 3.0 * (TRIANGLE_BYTES as f64 + vertex_bytes);
+        let by_memory = (self.options.memory.saturating_sub(BLOCK_BYTES as u64) as f64 / triangle_bytes) as u64;
+        by_memory.min((self.vertices.most_elements() as f64 / VERTICES_PER_TRIANGLE) as u64)
+    }
+
+    /// Brings the copies up to date with a navigator of the scene's model, and has it forget its changes.
+    pub fn update(&mut self, gpu: &Gpu, navigator: &mut Navigator, style: Style) -> Result<Upload, GpuError> {
+        let (vertices, morphs) = (navigator.vertex_stream(), navigator.morph_stream());
+        let triangles = navigator.triangle_stream();
+        self.has_morphs = !morphs.is_empty();
+        if style.levels {
+            self.levels.update(navigator);
+        }
+        let level_blocks = if style.levels { self.levels.of_vertices().len() / BLOCK } else { 0 };
+        let lines = if style.boxes { box_lines(navigator) } else { Vec::new() };
+        let line_bytes = size_of_val(lines.as_slice()) as u64;
+
+        let needed = self.vertices.bytes_for(vertices.len())
+            + self.morphs.bytes_for(morphs.len())
+            + self.triangles.bytes_for(triangles.len())
+            + self.level_mirror.bytes_for(level_blocks)
+            + line_bytes.next_power_of_two()
+            + self.views.size()
+            + BLOCK_BYTES as u64;
+        if needed > self.options.memory {
+            return Err(GpuError::Memory { allowed: self.options.memory, needed, what: "the triangles of this view" });
+        }
+        if self.triangles.make_room(gpu, triangles.len())? {
+            self.bind_triangles(gpu);
+        }
+        let is_new = [
+            self.vertices.make_room(gpu, vertices.len())?,
+            self.morphs.make_room(gpu, morphs.len())?,
+            self.level_mirror.make_room(gpu, level_blocks)?,
+        ];
+        if is_new.contains(&true) {
+            let mirrors = [&self.level_mirror, &self.vertices, &self.morphs];
+            let parts = self.most_parts();
+            self.vertex_group = vertex_group(gpu, &self.vertex_layout, parts, mirrors);
+        }
+        let courier = &mut self.courier;
+        self.vertices.update(gpu, courier, cast_slice(vertices), navigator.changed_vertices(GAP));
+        self.morphs.update(gpu, courier, cast_slice(morphs), navigator.changed_morphs(GAP));
+        self.triangles.update(gpu, courier, cast_slice(triangles), navigator.changed_triangles(GAP));
+        if style.levels {
+            self.level_mirror.update(gpu, courier, self.levels.of_vertices(), self.levels.changed());
+        }
+        if line_bytes == 0 {
+            self.lines = None;
+        } else {
+            let has_room = self.lines.as_ref().is_some_and(|(lines, _)| lines.size() >= line_bytes);
+            if !has_room {
+                let usages = BufferUsages::VERTEX | BufferUsages::COPY_DST;
+                self.lines = Some((buffer(gpu, "boxes", line_bytes.next_power_of_two(), usages), 0));
+            }
+            if let Some((buffer, ends)) = &mut self.lines {
+                courier.take(gpu, cast_slice(&lines), buffer, 0);
+                *ends = lines.len() as u32;
+            }
+        }
+        let upload = courier.finish(gpu);
+        navigator.forget_changes();
+        gpu.check()?;
+        Ok(upload)
+    }
+
+    fn most_parts(&self) -> usize {
+        self.vertices.most_elements() >> self.vertices.part_shift()
+    }
+
+    /// Draws what was last brought up to date: as each view sees it, into its part of a target of `size` points. At most four views.
+    pub fn draw(
+        &mut self,
+        gpu: &Gpu,
+        encoder: &mut CommandEncoder,
+        target: &TextureView,
+        depth: &TextureView,
+        views: &[SceneView],
+    ) {
+        let background = BACKGROUND.map(|part| f64::from(part) / 255.0);
+        let [red, green, blue] = background;
+        for (index, view) in views.iter().take(MOST_VIEWS).enumerate() {
+            gpu.queue.write_buffer(&self.views, index as u64 * VIEW_STRIDE, bytemuck::bytes_of(&self.uniform(view)));
+        }
+        for (index, view) in views.iter().take(MOST_VIEWS).enumerate() {
+            let is_first = index == 0;
+            let load = if is_first {
+                wgpu::LoadOp::Clear(wgpu::Color { r: red, g: green, b: blue, a: 1.0 })
+            } else {
+                wgpu::LoadOp::Load
+            };
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("front"),
+                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                    view: target,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
+                })],
+                depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                    view: depth,
+                    depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Store }),
+                    stencil_ops: None,
+                }),
+                ..Default::default()
+            });
+            let [x, y, width, height] = view.rectangle;
+            pass.set_viewport(x as f32, y as f32, width as f32, height as f32, 0.0, 1.0);
+            pass.set_scissor_rect(x, y, width, height);
+            self.draw_view(&mut pass, index, view.style);
+        }
+    }
+
+    fn draw_view(&self, pass: &mut RenderPass<'_>, index: usize, style: Style) {
+        pass.set_bind_group(0, &self.view_group, &[(index as u64 * VIEW_STRIDE) as u32]);
+        pass.set_pipeline(&self.surfaces);
+        pass.set_bind_group(2, &self.vertex_group, &[]);
+        for (part, group) in self.triangle_groups.iter().enumerate() {
+            let corners = 3 * self.triangles.elements_in(part) as u32;
+            if corners > 0 {
+                pass.set_bind_group(1, group, &[]);
+                pass.draw(0..corners, 0..1);
+            }
+        }
+        if let Some((lines, ends)) = self.lines.as_ref().filter(|_| style.boxes) {
+            pass.set_pipeline(&self.line_pipeline);
+            pass.set_vertex_buffer(0, lines.slice(..));
+            pass.draw(0..*ends, 0..1);
+        }
+    }
+
+    fn uniform(&self, view: &SceneView) -> View {
+        let projection = &view.projection;
+        let over_diagonal = 1.0 / if self.diagonal > 0.0 { self.diagonal } else { 1.0 };
+        let eye = projection.eye().as_vec3();
+        let rest = (projection.eye() - eye.as_dvec3()).as_vec3();
+        let with = |vector: Vec3, last: f32| [vector.x, vector.y, vector.z, last];
+        let scaled = |direction: DVec3| (direction * over_diagonal).as_vec3();
+        let [right, up, forward] = projection.directions().map(scaled);
+        let Style { edges, levels, .. } = view.style;
+        View {
+            eye: with(eye, 0.0),
+            eye_rest: with(rest, 0.0),
+            right: with(right, 0.0),
+            up: with(up, 0.0),
+            forward: with(forward, (projection.nearest() * over_diagonal) as f32),
+            light: with(projection.headlight().as_vec3(), 0.0),
+            flags: [edges.into(), levels.into(), self.has_morphs.into(), 0],
+        }
+    }
+}
+
+/// The bind group of levels and vertices; where a stream has fewer parts, its last one stands in for those that are not there.
+fn vertex_group(
+    gpu: &Gpu,
+    layout: &BindGroupLayout,
+    parts: usize,
+    [levels, vertices, morphs]: [&Mirror; 3],
+) -> BindGroup {
+    let of = |mirror: &'_ Mirror, part: usize| mirror.parts()[part.min(mirror.parts().len() - 1)].clone();
+    let mut buffers = vec![of(levels, 0)];
+    for part in 0..parts {
+        buffers.extend([of(vertices, part), of(morphs, part)]);
+    }
+    let entries: Vec<_> = (0..)
+        .zip(&buffers)
+        .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+        .collect();
+    gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("vertices"), layout, entries: &entries })
+}
+
+/// What the shader says of the parts that vertices are divided into.
+fn parts_of_shader(parts: usize, shift: u32) -> String {
+    let mut text = String::new();
+    for (stream, name) in ["vertex", "morph"].into_iter().enumerate() {
+        for part in 0..parts {
+            let binding = 1 + 2 * part + stream;
+            text += &format!("@group(2) @binding({binding}) var<storage, read> {name}_{part}: array<vec4<u32>>;\n");
+        }
+        text += &format!(
+            "fn {name}_at(number: u32) -> vec4<u32> {{\n    let place = number & {}u;\n",
+            (1_u64 << shift) - 1
+        );
+        text += &format!("    switch number >> {shift}u {{\n");
+        for part in 1..parts {
+            text += &format!("        case {part}u: {{ return {name}_{part}[place]; }}\n");
+        }
+        text += &format!("        default: {{ return {name}_0[place]; }}\n    }}\n}}\n");
+    }
+    text
+}

@@ -1,0 +1,110 @@
+// What a front looks like. The vertex shader fetches the corners of triangles, and their vertices, out of the copies of the
+// navigator's streams. In place of the line PARTS stands how to get at the parts that vertices are divided into.
+
+struct View {
+    // The eye, relative to the model's origin, as a sum of two: what is near it is at its exact place.
+    eye: vec4<f32>,
+    eye_rest: vec4<f32>,
+    // In diagonals of the model; the first two as long as one over the tangent of half the angle of view.
+    right: vec4<f32>,
+    up: vec4<f32>,
+    // w: the least depth that is drawn, in diagonals.
+    forward: vec4<f32>,
+    // To the light.
+    light: vec4<f32>,
+    // What is to be seen: edges, levels, morphs.
+    flags: vec4<u32>,
+}
+
+struct Seen {
+    @builtin(position) place: vec4<f32>,
+    @location(0) normal: vec3<f32>,
+    @location(1) surface: vec3<f32>,
+    @location(2) shares: vec3<f32>,
+}
+
+const AMBIENT = 0.12;
+const SURFACE = vec3<f32>(0.76, 0.74, 0.70);
+const EDGE = vec3<f32>(0.02, 0.05, 0.12);
+const EDGE_WIDTH = 0.6;
+
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<uniform> level_colours: array<vec4<f32>, 64>;
+@group(1) @binding(0) var<storage, read> triangles: array<u32>;
+@group(2) @binding(0) var<storage, read> levels: array<u32>;
+//PARTS//
+
+// The decoded normal (vdt/src/tree/normals.rs).
+fn normal_of(word: u32) -> vec3<f32> {
+    let square = vec2<f32>(f32(word & 1023u), f32(word >> 10u & 1023u)) - 511.0;
+    let z = 511.0 - abs(square.x) - abs(square.y);
+    let folded = (511.0 - abs(square.yx)) * select(vec2<f32>(1.0), vec2<f32>(-1.0), square < vec2<f32>(0.0));
+    return normalize(vec3<f32>(select(square, folded, z < 0.0), z));
+}
+
+fn place_of(to_place: vec3<f32>) -> vec4<f32> {
+    return vec4<f32>(dot(view.right.xyz, to_place), dot(view.up.xyz, to_place), view.forward.w, dot(view.forward.xyz, to_place));
+}
+
+@vertex
+fn corner(@builtin(vertex_index) index: u32) -> Seen {
+    let number = triangles[index];
+    let vertex = vertex_at(number);
+    var position = bitcast<vec3<f32>>(vertex.xyz);
+    if view.flags.z != 0u {
+        let morph = bitcast<vec4<f32>>(morph_at(number));
+        if morph.w < 1.0 {
+            position = morph.xyz + morph.w * (position - morph.xyz);
+        }
+    }
+    var seen: Seen;
+    seen.place = place_of((position - view.eye.xyz) - view.eye_rest.xyz);
+    seen.normal = normal_of(vertex.w);
+    seen.surface = SURFACE;
+    if view.flags.y != 0u {
+        seen.surface = level_colours[levels[number >> 2u] >> (8u * (number & 3u)) & 63u].xyz;
+    }
+    seen.shares = vec3<f32>(0.0);
+    seen.shares[index % 3u] = 1.0;
+    return seen;
+}
+
+fn stored(light: vec3<f32>) -> vec3<f32> {
+    let linear = clamp(light, vec3<f32>(0.0), vec3<f32>(1.0));
+    let curved = 1.055 * pow(linear, vec3<f32>(1.0 / 2.4)) - 0.055;
+    return select(curved, 12.92 * linear, linear <= vec3<f32>(0.0031308));
+}
+
+@fragment
+fn surface(seen: Seen, @builtin(front_facing) is_outer_side: bool) -> @location(0) vec4<f32> {
+    var part = seen.surface;
+    if view.flags.x != 0u {
+        let steps = vec3<f32>(
+            length(vec2<f32>(dpdx(seen.shares.x), dpdy(seen.shares.x))),
+            length(vec2<f32>(dpdx(seen.shares.y), dpdy(seen.shares.y))),
+            length(vec2<f32>(dpdx(seen.shares.z), dpdy(seen.shares.z))),
+        );
+        if any(seen.shares <= EDGE_WIDTH * steps) {
+            part = EDGE;
+        }
+    }
+    let normal = select(-1.0, 1.0, is_outer_side) * seen.normal;
+    let length = max(length(normal), 1e-20);
+    let direct = max(dot(normal / length, view.light.xyz), 0.0);
+    return vec4<f32>(stored(part * (AMBIENT + (1.0 - AMBIENT) * direct)), 1.0);
+}
+
+struct Line {
+    @builtin(position) place: vec4<f32>,
+    @location(0) colour: vec4<f32>,
+}
+
+@vertex
+fn line_end(@location(0) position: vec3<f32>, @location(1) colour: vec4<f32>) -> Line {
+    return Line(place_of((position - view.eye.xyz) - view.eye_rest.xyz), colour);
+}
+
+@fragment
+fn line(line: Line) -> @location(0) vec4<f32> {
+    return vec4<f32>(stored(line.colour.xyz), 1.0);
+}
