@@ -693,6 +693,31 @@ fn everything_is_drawn_when_asked_for() {
     }
 }
 
+/// Where one part of the surface has nearly all of the wedges, and the camera is there: their slots are what decides.
+#[test]
+fn a_front_without_slots_comes_to_rest() {
+    let tree = testing::grid_tree(70, 70, 5);
+    let is_dense = |leaf: u32| tree.positions[leaf as usize][0] < 20.0;
+    let attributes = Attributes::with_counts(&tree, 14, |leaf, _| if is_dense(leaf) { 25 } else { 1 });
+    let model = attributes.model_of(&tree);
+    let place = DVec3::from_array(tree.origin) + DVec3::new(10.0, 35.0, 0.0);
+    let near = Camera::looking_at(place + DVec3::Z * 20.0, place, 60.0);
+    let options = NavigatorOptions { pixels: 0.0, attributes: true, ..options() };
+    let whole = Navigator::open(model.clone(), options.clone()).unwrap().budget_bytes();
+    for dependency in [Dependency::Implicit, Dependency::None] {
+        let options = NavigatorOptions { memory: whole / 2, dependency, ..options.clone() };
+        let mut navigator = Navigator::open(model.clone(), options).unwrap();
+        let statistics = navigator.run_until_settled(&near, 2000).unwrap();
+        assert!(navigator.settled() && statistics.threshold_factor > 1.0);
+        check(&navigator).unwrap();
+        let (used, capacity) = (navigator.front().used(), navigator.front().capacity());
+        assert!(
+            used.wedges > capacity.wedges * 3 / 4 && used.vertices < capacity.vertices / 2,
+            "{used:?} {capacity:?}"
+        );
+    }
+}
+
 #[test]
 fn from_far_away_only_the_roots_are_left() {
     for dependency in [Dependency::Implicit, Dependency::Flip, Dependency::None] {

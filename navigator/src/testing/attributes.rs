@@ -39,20 +39,25 @@ fn keepers(tree: &Tree) -> Vec<Option<u32>> {
 impl Attributes {
     /// Some of any kind: without seams, with few, or with many, and now and then many wedges at one leaf.
     pub fn random(tree: &Tree, seed: u64) -> Self {
+        let seams = [0, 20, 2, 2][seed as usize % 4];
+        Self::with_counts(tree, seed, |_, random| match seams {
+            0 => 1,
+            _ if random.below(200) == 0 => 1 + random.below(1000),
+            _ if random.below(seams) == 0 => 2 + random.below(3),
+            _ => 1,
+        })
+    }
+
+    /// Some of any kind, with so many wedges at each leaf.
+    pub fn with_counts(tree: &Tree, seed: u64, mut count_at: impl FnMut(u32, &mut Random) -> usize) -> Self {
         let random = &mut Random(seed);
         let bits = 1 + random.below(15);
         let is = |bit: usize| bits >> bit & 1 == 1;
         let kinds = AttributeKinds { normals: is(0), colours: is(1), textures: is(2), materials: is(3) };
-        let seams = [0, 20, 2, 2][random.below(4)];
         let keepers = keepers(tree);
         let mut wedges: Vec<Vec<(Wedge, u32)>> = Vec::new();
-        for keeper in &keepers {
-            let count = match seams {
-                0 => 1,
-                _ if random.below(200) == 0 => 1 + random.below(1000),
-                _ if random.below(seams) == 0 => 2 + random.below(3),
-                _ => 1,
-            };
+        for (leaf, keeper) in (0..).zip(&keepers) {
+            let count = count_at(leaf, random);
             let choice = keeper.map_or(1, |keeper| wedges[keeper as usize].len());
             let mut wedge = || {
                 let mut number = || random.below(6001) as i32 - 3000;
