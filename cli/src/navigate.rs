@@ -78,6 +78,7 @@ pub fn run(options: arguments::NavigateOptions, json: bool) -> Result<()> {
         max_triangles: options.max_triangles,
         max_adapts: (options.max_adapts > 0).then_some(options.max_adapts),
         geomorph: options.geomorph,
+        attributes: false,
         io: match options.io {
             IoName::Thread => Io::Thread,
             IoName::Sync | IoName::Mmap => Io::Sync,

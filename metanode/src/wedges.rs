@@ -8,6 +8,7 @@
 //! The wedge that a corner has in a mesh that is not fully refined is one of the leaf at which its active node stands: that of them
 //! with the largest number which is not above the corner's.
 
+pub use vdt::tree::MOST_WEDGES;
 use vdt::tree::{AttributeKinds, Normal, StoredTree, Wedge};
 
 /// How the wedges of a model lie in its pages.
@@ -132,6 +133,11 @@ impl RootWedges {
     /// How many trees there are.
     pub fn tree_count(&self) -> usize {
         self.starts.len()
+    }
+
+    /// How many wedges they have.
+    pub fn wedge_count(&self) -> usize {
+        self.wedges.len()
     }
 
     /// Those of the tree that begins with a leaf; none where no tree does.

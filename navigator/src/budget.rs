@@ -9,12 +9,14 @@ use std::path::PathBuf;
 
 use metanode::model::Model;
 use metanode::page::{ENTRY_WORDS, PageLocation, RECORD_WORDS, TRIANGLE_WORDS};
+use metanode::wedges::MOST_WEDGES;
 use thiserror::Error;
 
 use crate::board::BOARD_BYTES;
 use crate::collapse_queue::CollapseQueue;
 use crate::front::{
     CHUNK, Capacity, Corner, LINE_BYTES, MORPH_BYTES, TREE_BYTES, TRIANGLE_BYTES, TRIANGLE_LIMIT, VERTEX_BYTES,
+    WedgeKeeping,
 };
 use crate::io_process::reader_bytes;
 use crate::paging::{MAPPED_PAGE_BYTES, WISH_BYTES};
@@ -22,10 +24,12 @@ use crate::pool::{LEAST_FOR_URGENT, SLOT_OVERHEAD_BYTES, there_bytes};
 use crate::refine::CHAIN_BYTES;
 use crate::split_queue::QUEUE_BYTES;
 
-/// Bits for each vertex and each place of a triangle: whether its number is used, and whether it has changed; rounded up.
+/// Bits for each vertex, each place of a triangle and each slot: whether its number is used, and whether it has changed; rounded up.
 const NOTE_BYTES: f64 = 0.5;
 /// Cache lines of stars for a vertex. Cuts of scans, terrains and isosurfaces take 1.09 to 1.12.
 const LINES_PER_VERTEX: f64 = 1.2;
+/// Wedges beyond one for a vertex, in relation to the whole model's, where each vertex has about as many as any other.
+const WEDGES_MORE: f64 = 1.5;
 /// The part of the memory that those who read may take, more than one of them. (Tests have little memory and want several.)
 const READERS_SHARE: f64 = if cfg!(test) { 0.5 } else { 0.08 };
 /// Bytes of a record in a page, with the entry that leads to it and two born triangles, as most have.
@@ -56,7 +60,7 @@ pub struct Budget {
 impl Budget {
     /// The same front with all pages of the model in a mapped file in place of place holders.
     pub fn with_mapped_pages(self, model: &Model) -> Self {
-        let needs = Needs::of(model);
+        let needs = Needs::of(model, Streams::default());
         let bytes = self.bytes - (self.slots * needs.slot_cost()) as u64 + (needs.pages * MAPPED_PAGE_BYTES) as u64;
         Budget { slots: needs.pages, bytes, ..self }
     }
@@ -97,14 +101,27 @@ struct Needs {
     reader_bytes: usize,
     io_threads: usize,
     born_triangles: usize,
-    morphs: bool,
+    /// Wedges of the whole model, and of the roots, where they have slots.
+    wedges: usize,
+    root_wedges: usize,
+    streams: Streams,
+}
+
+/// What a front keeps for who draws, besides vertices and triangles.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Streams {
+    /// Whether there are geomorphs.
+    pub morphs: bool,
+    /// How wedges are kept.
+    pub wedges: WedgeKeeping,
 }
 
 impl Needs {
-    fn of(model: &Model) -> Self {
+    fn of(model: &Model, streams: Streams) -> Self {
         let header = model.header();
         let slot_bytes = header.slot_bytes as usize;
         let born_triangles = slot_bytes / 12;
+        let slots = model.appearance().filter(|_| streams.wedges == WedgeKeeping::Slots);
         Needs {
             roots: header.root_count as usize,
             splits: header.split_count as usize,
@@ -122,7 +139,9 @@ impl Needs {
             reader_bytes: reader_bytes(model, header.page_levels as usize * (slot_bytes / USUAL_RECORD_BYTES)),
             io_threads: 1,
             born_triangles,
-            morphs: false,
+            wedges: slots.map_or(0, |appearance| appearance.wedge_count as usize),
+            root_wedges: slots.map_or(0, |appearance| appearance.root_wedges.wedge_count()),
+            streams,
         }
     }
 
@@ -146,6 +165,22 @@ impl Needs {
         ((splits as f64 * average * 1.1) as usize + 64).min(self.triangles).min(TRIANGLE_LIMIT)
     }
 
+    /// Slots of wedges for a front with so many splits: all where it has room for the whole model. Else each vertex has one, and
+    /// those beyond lie along seams. Seams are curves: of a surface drawn with a hundredth of its vertices, a tenth of those along
+    /// them is left. Where they are everywhere, with faces of many colours, they are as many for each vertex as in the whole
+    /// model. There is always room for any leaf's wedges beside those of the roots.
+    fn wedges_for(&self, splits: usize) -> usize {
+        if splits == self.splits {
+            return self.wedges;
+        }
+        let (vertices, leaves) = (self.roots + splits, self.roots + self.splits);
+        let more = self.wedges.saturating_sub(leaves) as f64;
+        let part = vertices as f64 / leaves as f64;
+        let along_curves = more * part.sqrt() * 1.1;
+        let everywhere = vertices as f64 * (more / leaves as f64 * WEDGES_MORE).max(1.0);
+        (vertices + along_curves.min(everywhere) as usize + self.root_wedges + MOST_WEDGES).min(self.wedges)
+    }
+
     fn budget(&self, slots: usize, splits: usize) -> Budget {
         let vertices = (self.roots + splits).next_multiple_of(CHUNK);
         let triangles = self.triangles_for(splits);
@@ -156,11 +191,13 @@ impl Needs {
             // A front that has room for the whole model has it for any.
             lines: if splits == self.splits { most_lines } else { (vertices as f64 * LINES_PER_VERTEX) as usize + 64 },
             born_triangles: self.born_triangles,
+            wedges: self.wedges_for(splits).next_multiple_of(CHUNK),
         };
+        let places = Capacity { triangles: front.triangles.next_multiple_of(CHUNK), ..front };
         let bytes = self.fixed_bytes
             + self.io_threads * self.reader_bytes
             + slots * self.slot_cost()
-            + front_bytes(front.vertices, front.lines, front.triangles.next_multiple_of(CHUNK), self.morphs) as usize
+            + front_bytes(&places, self.streams) as usize
             + CollapseQueue::bytes(vertices);
         Budget { slots, front, io_threads: self.io_threads, bytes: bytes as u64 }
     }
@@ -180,23 +217,28 @@ impl Needs {
     }
 }
 
-/// Bytes that a front takes in which are so many vertices, with or without geomorphs, cache lines of stars, and places of
-/// triangles.
-pub fn front_bytes(vertices: usize, lines: usize, triangles: usize, morphs: bool) -> u64 {
+/// Bytes that a front takes with so many vertices, cache lines of stars, places of triangles and slots of wedges.
+pub fn front_bytes(parts: &Capacity, streams: Streams) -> u64 {
+    let Capacity { vertices, triangles, lines, wedges, .. } = *parts;
+    let Streams { morphs, wedges: keeping } = streams;
     let of_morphs = if morphs { MORPH_BYTES } else { 0 };
-    let notes = ((vertices + triangles) as f64 * NOTE_BYTES) as usize;
-    (vertices * (VERTEX_BYTES + QUEUE_BYTES + of_morphs) + lines * LINE_BYTES + triangles * TRIANGLE_BYTES + notes)
-        as u64
+    let notes = ((vertices + triangles + wedges) as f64 * NOTE_BYTES) as usize;
+    let bytes = vertices * (VERTEX_BYTES + QUEUE_BYTES + of_morphs + keeping.vertex_bytes())
+        + lines * LINE_BYTES
+        + triangles * (TRIANGLE_BYTES + keeping.triangle_bytes())
+        + wedges * keeping.slot_bytes()
+        + notes;
+    bytes as u64
 }
 
 /// Shares out `memory` bytes for `model`, with one thread for I/O.
 pub fn plan(model: &Model, memory: u64) -> Result<Budget, BudgetError> {
-    plan_with(model, memory, 1, false)
+    plan_with(model, memory, 1, Streams::default())
 }
 
-/// Shares out `memory` bytes for `model`, with so many threads for I/O, or fewer, and with or without geomorphs.
-pub fn plan_with(model: &Model, memory: u64, io_threads: usize, morphs: bool) -> Result<Budget, BudgetError> {
-    let mut needs = Needs { morphs, ..Needs::of(model) };
+/// Shares out `memory` bytes for `model`, with so many threads for I/O, or fewer, and for a front that keeps this for who draws.
+pub fn plan_with(model: &Model, memory: u64, io_threads: usize, streams: Streams) -> Result<Budget, BudgetError> {
+    let mut needs = Needs::of(model, streams);
     let least_slots = needs.least_slots();
     let least_splits = LEAST_SPLITS.min(needs.splits);
     let smallest = needs.budget(least_slots, least_splits).bytes;

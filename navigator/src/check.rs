@@ -3,10 +3,11 @@
 
 use metanode::model::{Model, PageReader};
 use metanode::page::{Page, PageLocation, Target};
+use metanode::wedges::PlacedWedge;
 
 use crate::camera::{Camera, CameraError};
 use crate::dependency::Dependency;
-use crate::front::{Front, NONE};
+use crate::front::{Front, NONE, Seams};
 use crate::navigator::Navigator;
 use crate::refine::want;
 
@@ -15,6 +16,8 @@ use crate::refine::want;
 /// - the leaf intervals of the active nodes partition the leaves, and those of two children their parent's;
 /// - each corner of a triangle is under its node, the three nodes are distinct, and it is once in each one's star;
 /// - the triangles are those that the applied splits bear, each once; they are counted by their trees;
+/// - where corners have wedges, each vertex has those of its first leaf, and each corner that of them with the largest number which
+///   is not above the one that it has in the input;
 /// - with implicit dependency, of the collapses that moved a corner of a triangle, those that are not undone come before those
 ///   that are (with `flip` nothing is proven of all triangles together, so nothing is checked);
 /// - the usage count of each place holder is the number of applied splits of its page; the pool's own counts and lists
@@ -64,6 +67,7 @@ pub(crate) fn check_cut(navigator: &Navigator) -> Result<(), String> {
     check_nodes(navigator)?;
     check_stars(navigator.front())?;
     check_births(navigator)?;
+    check_wedges(navigator)?;
     check_usage(navigator)?;
     navigator.paging().pool().check()
 }
@@ -198,6 +202,74 @@ fn check_births(navigator: &Navigator) -> Result<(), String> {
         return Err(format!("{} triangles are drawn, the applied splits bear {}", drawn.len(), born.len()));
     }
     Ok(())
+}
+
+fn check_wedges(navigator: &Navigator) -> Result<(), String> {
+    let front = navigator.front();
+    let (Some(wedges), Some(appearance)) = (front.wedges(), navigator.model().appearance()) else { return Ok(()) };
+    let drawn = |slot: u32| wedges.stream()[slot as usize];
+    let mut slots = Vec::new();
+    for vertex in front.vertices() {
+        let normal = front.positions()[vertex as usize][3].to_bits();
+        let mut said: Vec<PlacedWedge> = match front.kept(vertex) {
+            NONE => appearance.root_wedges.of_tree(vertex as usize).to_vec(),
+            _ => navigator.paging().page(front.slot(vertex)).wedges(front.record_of_birth(vertex)).collect(),
+        };
+        let is_there = match wedges.seams() {
+            None => said.iter().map(|placed| wedges.drawn(placed, normal)).eq([drawn(vertex)]),
+            Some(seams) => {
+                said.sort_by_key(|placed| placed.number);
+                slots.extend(seams.at(vertex).map(|(slot, _)| slot));
+                let found = seams.at(vertex).map(|(slot, number)| (number, drawn(slot)));
+                found.eq(said.iter().map(|placed| (placed.number, wedges.drawn(placed, normal))))
+            }
+        };
+        if !is_there {
+            return Err(format!("vertex {vertex} does not have the wedges {said:?}"));
+        }
+    }
+    let Some(seams) = wedges.seams() else { return Ok(()) };
+    let count = slots.len();
+    slots.sort_unstable();
+    slots.dedup();
+    if slots.len() != count || count != seams.used() {
+        return Err(format!(
+            "{} slots of wedges are taken, {count} wedges have one, {} counted",
+            slots.len(),
+            seams.used()
+        ));
+    }
+    check_corners(navigator, seams)
+}
+
+fn check_corners(navigator: &Navigator, seams: &Seams) -> Result<(), String> {
+    let front = navigator.front();
+    let mut born = Vec::new();
+    for vertex in front.born() {
+        let (page, record) = (navigator.paging().page(front.slot(vertex)), front.record_of_birth(vertex));
+        born.extend(page.triangles(record).zip(page.corner_wedges(record)));
+    }
+    let mut drawn = Vec::new();
+    for (triangle, corners) in front.triangles() {
+        let sources = [0, 1, 2].map(|place| seams.source(triangle, place));
+        drawn.push((corners.map(|vertex| front.leaf_at(vertex, triangle)), sources));
+        for ((vertex, source), slot) in corners.into_iter().zip(sources).zip(seams.corners()[triangle as usize]) {
+            let expected = seams.at(vertex).take_while(|(_, number)| *number <= source).last();
+            if expected.is_none_or(|(expected, _)| expected != slot) {
+                return Err(format!("triangle {triangle}: wedge {source} is slot {slot}, and not {expected:?}"));
+            }
+        }
+    }
+    if seams.corners().len() != front.corners().len() {
+        return Err(format!(
+            "{} places of triangles, {} of their wedges",
+            front.corners().len(),
+            seams.corners().len()
+        ));
+    }
+    born.sort_unstable();
+    drawn.sort_unstable();
+    if born != drawn { Err("the wedges of corners are not those that splits bear".into()) } else { Ok(()) }
 }
 
 fn check_lives(navigator: &Navigator) -> Result<(), String> {

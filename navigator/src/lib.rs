@@ -59,7 +59,7 @@ mod testing;
 pub use budget::{Budget, BudgetError, plan};
 pub use camera::Camera;
 pub use dependency::Dependency;
-pub use front::Misfit;
+pub use front::{DrawnWedge, Misfit};
 pub use io_process::Io;
 pub use navigator::{
     ActiveMetaNode, ActiveNode, ActiveTriangle, AppliedSplit, MAX_ADAPTS, Navigator, NavigatorError, NavigatorOptions,

@@ -25,12 +25,12 @@ use metanode::{DecodedFile, Statement};
 use storage::usage::thread_cpu_time;
 use thiserror::Error;
 
-use crate::budget::{self, Budget, BudgetError, SPARE_SLOTS};
+use crate::budget::{self, Budget, BudgetError, SPARE_SLOTS, Streams};
 use crate::camera::{Camera, CameraError};
 use crate::collapse_queue::CollapseQueue;
 use crate::dependency::{self, Dependency};
 use crate::flip;
-use crate::front::{Capacity, Front, Misfit, NONE};
+use crate::front::{Capacity, DrawnWedge, Front, Misfit, NONE, WedgeKeeping};
 use crate::io_process::Io;
 use crate::paging::{Paging, PagingOptions, SWEEP_FRAMES};
 use crate::pool::{HOLD_FRAMES, Hold, Policy, PoolCounters, reserved_slots};
@@ -101,6 +101,10 @@ pub struct NavigatorOptions {
     /// In how many frames a vertex that a split bears goes from where it was born to its own place, see
     /// [`Navigator::morph_stream`]; 0 for at once.
     pub geomorph: u32,
+    /// Whether the front also has what the corners of triangles carry, see [`Navigator::wedge_stream`]: colours, texture coordinates,
+    /// materials and given normals. Takes 20 bytes for each vertex, or some 28 and 24 for each triangle where the model has
+    /// seams; nothing where the model has no attributes.
+    pub attributes: bool,
     /// How the I/O process runs.
     pub io: Io,
     /// How many threads the I/O process has, where it has any; `None` for as many as the machine has cores, two to four. There
@@ -125,6 +129,7 @@ impl Default for NavigatorOptions {
             max_triangles: None,
             max_adapts: Some(MAX_ADAPTS),
             geomorph: 0,
+            attributes: false,
             io: Io::Thread,
             io_threads: None,
             prefetch: true,
@@ -241,7 +246,8 @@ pub struct ActiveMetaNode {
 /// Once for each picture: [`Navigator::frame`] with the camera. Then either all triangles are read ([`Navigator::triangles`]), or
 /// copies of [`Navigator::vertex_stream`] and [`Navigator::triangle_stream`] are brought up to date, with what has changed since
 /// the last time ([`Navigator::changed_vertices`], [`Navigator::changed_triangles`]), and then [`Navigator::forget_changes`] is
-/// called. (With geomorphs there is a third stream, [`Navigator::morph_stream`].) At first everything has changed. A copy has to
+/// called. (With geomorphs there is a third stream, [`Navigator::morph_stream`]; with attributes there are [`Navigator::wedge_stream`]
+/// and [`Navigator::corner_stream`].) At first everything has changed. A copy has to
 /// follow the length of its stream, which rises and falls; ranges may reach beyond its end. `examples/buffers.rs` is that in 30 lines.
 ///
 /// An error of a frame (a page cannot be read, however often it was tried; the camera cannot be) leaves the front as that of a
@@ -266,6 +272,7 @@ pub struct Navigator {
     model: Arc<Model>,
     options: NavigatorOptions,
     budget: Budget,
+    streams: Streams,
     front: Front,
     paging: Paging,
     chain: Chain,
@@ -342,10 +349,17 @@ impl Navigator {
             Io::Sync => 1,
             Io::Thread => options.io_threads.unwrap_or_else(usual_io_threads),
         };
-        let budget = budget::plan_with(&model, options.memory, io_threads, options.geomorph > 0)?;
+        let appearance = model.appearance().filter(|_| options.attributes);
+        let wedges = appearance.map_or(WedgeKeeping::None, |_| WedgeKeeping::of(&model));
+        let streams = Streams { morphs: options.geomorph > 0, wedges };
+        let budget = budget::plan_with(&model, options.memory, io_threads, streams)?;
         let budget = if decoded.is_some() { budget.with_mapped_pages(&model) } else { budget };
         let front = Front::new(model.roots(), leaf_count, budget.front);
         let front = if options.geomorph > 0 { front.with_morphs(options.geomorph) } else { front };
+        let front = match appearance {
+            Some(appearance) => front.with_wedges(appearance),
+            None => front,
+        };
         let vertices = front.capacity().vertices;
         // Of a mapped file, where all pages are there, there is nothing to wish for.
         let options = NavigatorOptions { prefetch: options.prefetch && decoded.is_none(), ..options };
@@ -359,6 +373,7 @@ impl Navigator {
             model,
             options,
             budget,
+            streams,
             front,
             paging,
             chain: Chain::new(),
@@ -488,9 +503,7 @@ impl Navigator {
 
     /// Bytes that the vertices and triangles of the front take at the moment.
     pub fn front_bytes(&self) -> u64 {
-        let front = &self.front;
-        let (vertices, lines, triangles) = (front.vertex_count(), front.line_count(), front.triangle_count());
-        budget::front_bytes(vertices, lines, triangles, front.morphs().is_some())
+        budget::front_bytes(&self.front.used(), self.streams)
     }
 
     /// Number of place holders.
@@ -580,6 +593,28 @@ impl Navigator {
     /// those of [`Navigator::changed_vertices`].
     pub fn changed_morphs(&self, gap: u32) -> impl Iterator<Item = Range<u32>> + '_ {
         self.front.morphs().into_iter().flat_map(move |morphs| morphs.changes().ranges(gap))
+    }
+
+    /// What corners of triangles carry besides positions, with [`NavigatorOptions::attributes`]: of a model without seams, where all
+    /// corners at a vertex have the same, by the numbers of the vertices; of one with seams by numbers that
+    /// [`Navigator::corner_stream`] has. What stands at a number that no vertex or corner has is to be ignored. Empty without
+    /// that option, and where the model has no attributes.
+    pub fn wedge_stream(&self) -> &[DrawnWedge] {
+        self.front.wedges().map_or(&[], |wedges| wedges.stream())
+    }
+
+    /// The numbers of the wedges that are new since [`Navigator::forget_changes`], as ranges like those of
+    /// [`Navigator::changed_vertices`].
+    pub fn changed_wedges(&self, gap: u32) -> impl Iterator<Item = Range<u32>> + '_ {
+        self.front.changed_wedges().into_iter().flat_map(move |changes| changes.ranges(gap))
+    }
+
+    /// For each place in [`Navigator::triangle_stream`] the wedges of its corners, by their numbers in [`Navigator::wedge_stream`];
+    /// zeros where there is no triangle. What is different after a frame is told by [`Navigator::changed_triangles`]: a corner
+    /// has another wedge only where its triangle is new, or it is at another vertex. Empty where the wedge stream is
+    /// empty, or the model has no seams.
+    pub fn corner_stream(&self) -> &[[u32; 3]] {
+        self.front.wedges().and_then(|wedges| wedges.seams()).map_or(&[], |seams| seams.corners())
     }
 
     /// The streams were copied: from now on, changes are new ones.
@@ -925,7 +960,13 @@ impl Navigator {
                 Capacity::most_lines(header.leaf_count as usize, header.triangle_count as usize),
             ))
             .max(part(self.front.triangle_count(), self.triangle_limit(), header.triangle_count as usize))
+            .max(part(self.front.used().wedges, capacity.wedges, self.wedge_count()))
             .max(part(self.paging.pool().needed(), slots, pages))
+    }
+
+    /// Wedges of the whole model.
+    fn wedge_count(&self) -> usize {
+        self.model.appearance().map_or(0, |appearance| appearance.wedge_count as usize)
     }
 
     /// Of the active nodes that can be in the picture: the largest switch value; and the largest error in pixels where that is

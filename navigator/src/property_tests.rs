@@ -11,20 +11,20 @@ use metanode::chain::PageChain;
 use metanode::header::Blocking;
 use metanode::model::Model;
 use metanode::page::PageLocation;
-use metanode::{DecodedFile, write_decoded};
+use metanode::{DecodedFile, DrawnMesh, write_decoded};
 use proptest::prelude::*;
 use storage::{Disk, FaultyDisk, LocalDisk, MapAdvice, MemoryDisk};
 use vdt::tree::{NO_SPLIT, Tree};
 
-use crate::budget::plan_with;
+use crate::budget::{Streams, plan_with};
 use crate::check::{Undone, check, check_cut, undone};
 use crate::evaluation::Test;
 use crate::flip::tests::{is_flipped, triangle_is_proven};
-use crate::testing::{self, Mesh, Random, SMALL_PAGES};
+use crate::testing::{self, Attributes, Mesh, Random, SMALL_PAGES};
 use crate::view::{Sphere, View};
 use crate::{
-    Camera, Dependency, FlightSummary, FrameStatistics, Io, Light, Navigator, NavigatorError, NavigatorOptions, Policy,
-    PoolCounters, ViewParameters,
+    Camera, Dependency, DrawnWedge, FlightSummary, FrameStatistics, Io, Light, Navigator, NavigatorError,
+    NavigatorOptions, Policy, PoolCounters, ViewParameters,
 };
 
 fn open(disk: &dyn Disk) -> Arc<Model> {
@@ -371,6 +371,48 @@ proptest! {
         }
     }
 
+    /// With attributes: the triangles are those of the cut with the wedges that their corners have there, by way of the streams and of
+    /// copies of what changed of them; all within the budget.
+    #[test]
+    fn corners_have_the_wedges_of_the_cut(
+        tree in trees(),
+        (blocking, seed) in (blockings(), any::<u64>()),
+        cameras in cameras(),
+        dependency in dependencies(),
+        io in prop_oneof![Just(Io::Sync), Just(Io::Thread)],
+        (pixels, share, max_triangles) in (0.3..6.0_f32, 0.0..1.2_f64, prop::option::of(10..400_u64)),
+        (max_adapts, geomorph) in (prop::option::of(10..400_u64), 0..3_u32),
+        (gap, copied_every) in (0..200_u32, 1..4_usize),
+    ) {
+        let disk = Attributes::random(&tree, seed).disk_of(&tree, blocking);
+        let model = open(&disk);
+        let options = NavigatorOptions {
+            attributes: true, pixels, dependency, io, max_triangles, max_adapts, geomorph, memory: 0, ..options()
+        };
+        let smallest = match Navigator::open(model.clone(), options.clone()) {
+            Err(NavigatorError::Budget(error)) => error.smallest,
+            other => panic!("{other:?}"),
+        };
+        let memory = smallest + ((f64::from(1 << 20) - smallest as f64).max(0.0) * share * share) as u64;
+        let mut navigator = Navigator::open(model.clone(), NavigatorOptions { memory, ..options }).unwrap();
+        prop_assert!(navigator.budget_bytes() <= memory);
+        let mut copies = Copies::default();
+        for (number, camera) in path(&model, &cameras).iter().enumerate() {
+            navigator.frame(camera).unwrap();
+            check(&navigator).unwrap();
+            prop_assert!(navigator.front_bytes() < navigator.budget_bytes());
+            if number % copied_every == 0 {
+                copies.update(&mut navigator, gap);
+                prop_assert_eq!(copies.drawn(&model), expected_corners(&navigator));
+            }
+        }
+        let last = camera(&model, cameras[0].0, cameras[0].1);
+        navigator.run_until_settled(&last, 2000).unwrap();
+        prop_assert!(navigator.settled());
+        copies.update(&mut navigator, gap);
+        prop_assert_eq!(copies.drawn(&model), expected_corners(&navigator));
+    }
+
     /// With geomorphs, where a point of the surface is drawn changes by no more than one step of its way, whatever is split in a
     /// frame. And copies of the morphs kept up to date are the stream.
     #[test]
@@ -462,15 +504,17 @@ proptest! {
         dependency in dependencies(),
         (pixels, max_triangles) in (0.3..6.0_f32, prop::option::of(10..400_u64)),
         advice in prop::sample::select(MapAdvice::ALL.as_slice()),
+        attributes in prop::option::of(any::<u64>()),
     ) {
-        let disk = testing::disk_of(&tree, blocking);
+        let disk = disk_with(&tree, blocking, attributes);
         let model = open(&disk);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("pages");
         write_decoded(Arc::new(LocalDisk), &path, &model, &mut |_| ()).unwrap();
         let decoded = DecodedFile::open(&LocalDisk, &path, &model).unwrap();
         decoded.advise(advice).unwrap();
-        let options = NavigatorOptions { pixels, dependency, max_triangles, ..options() };
+        let options =
+            NavigatorOptions { pixels, dependency, max_triangles, attributes: attributes.is_some(), ..options() };
         let mut resident = Navigator::open(model.clone(), options.clone()).unwrap();
         let mut mapped = Navigator::open_mapped(model.clone(), options, decoded).unwrap();
         prop_assert!(mapped.budget_bytes() <= resident.budget_bytes());
@@ -499,12 +543,14 @@ proptest! {
         cameras in cameras(),
         seed in any::<u64>(),
         dependency in dependencies(),
+        attributes in prop::option::of(any::<u64>()),
     ) {
-        let disk = testing::disk_of(&tree, blocking);
+        let disk = disk_with(&tree, blocking, attributes);
         alter(&disk, seed);
         let Ok(model) = Model::open(&disk, Path::new("model.vdt")) else { return Ok(()) };
         let model = Arc::new(model);
-        let options = NavigatorOptions { pixels: 0.5, dependency, ..options() };
+        let options =
+            NavigatorOptions { pixels: 0.5, dependency, attributes: attributes.is_some(), ..options() };
         let Ok(mut navigator) = Navigator::open(model.clone(), options) else { return Ok(()) };
         for camera in path(&model, &cameras) {
             if let Err(error) = navigator.frame(&camera) {
@@ -513,6 +559,75 @@ proptest! {
             }
             check_cut(&navigator).unwrap();
         }
+    }
+}
+
+/// A corner as it is drawn: where; colour, texture coordinate, material; and the given normal, where there are such.
+type DrawnCorner = ([u32; 3], [u8; 4], [u32; 2], u32, Option<u32>);
+
+/// Copies of the streams with attributes.
+#[derive(Default)]
+struct Copies {
+    vertices: Vec<[f32; 4]>,
+    triangles: Vec<[u32; 3]>,
+    wedges: Vec<DrawnWedge>,
+    corners: Vec<[u32; 3]>,
+}
+
+impl Copies {
+    fn update(&mut self, navigator: &mut Navigator, gap: u32) {
+        update(&mut self.vertices, navigator.vertex_stream(), navigator.changed_vertices(gap));
+        update(&mut self.triangles, navigator.triangle_stream(), navigator.changed_triangles(gap));
+        update(&mut self.wedges, navigator.wedge_stream(), navigator.changed_wedges(gap));
+        update(&mut self.corners, navigator.corner_stream(), navigator.changed_triangles(gap));
+        navigator.forget_changes();
+        assert_eq!(self.corners, navigator.corner_stream());
+        assert!(navigator.changed_wedges(gap).next().is_none());
+    }
+
+    /// The triangles, sorted.
+    fn drawn(&self, model: &Model) -> Vec<[DrawnCorner; 3]> {
+        let layout = model.appearance().unwrap().layout;
+        assert_eq!(self.corners.len(), if layout.has_seams { self.triangles.len() } else { 0 });
+        let mut drawn = Vec::new();
+        for (place, vertices) in self.triangles.iter().enumerate().filter(|(_, [a, b, _])| a != b) {
+            let wedges = if layout.has_seams { self.corners[place] } else { *vertices };
+            drawn.push([0, 1, 2].map(|corner: usize| {
+                let [x, y, z, normal] = self.vertices[vertices[corner] as usize];
+                let wedge = self.wedges[wedges[corner] as usize];
+                assert!(layout.kinds.normals || wedge.normal == normal.to_bits());
+                let given = layout.kinds.normals.then_some(wedge.normal);
+                let texture = wedge.texture.map(f32::to_bits);
+                ([x, y, z].map(f32::to_bits), wedge.colour, texture, wedge.material, given)
+            }));
+        }
+        drawn.sort_unstable();
+        drawn
+    }
+}
+
+/// Those of the cut, by way of the pages alone.
+fn expected_corners(navigator: &Navigator) -> Vec<[DrawnCorner; 3]> {
+    let model = navigator.model();
+    let (splits, pages) = navigator.applied_splits().map(|split| (split.born_leaf, split.page)).unzip();
+    let mesh = DrawnMesh::of(model, splits, pages).unwrap();
+    let appearance = model.appearance().unwrap();
+    let corner = |vertex: u32| -> DrawnCorner {
+        let (position, wedge) = mesh.vertices[vertex as usize];
+        let texture = appearance.appearance.texture_value(wedge.texture).map(f32::to_bits);
+        let given = appearance.layout.kinds.normals.then_some(wedge.normal.to_word());
+        (position.map(f32::to_bits), wedge.colour, texture, wedge.material, given)
+    };
+    let mut corners: Vec<_> = mesh.triangles.iter().map(|(vertices, _)| vertices.map(corner)).collect();
+    corners.sort_unstable();
+    corners
+}
+
+/// The model file of a tree, with random attributes where a seed for them is given.
+fn disk_with(tree: &Tree, blocking: Blocking, attributes: Option<u64>) -> MemoryDisk {
+    match attributes {
+        Some(seed) => Attributes::random(tree, seed).disk_of(tree, blocking),
+        None => testing::disk_of(tree, blocking),
     }
 }
 
@@ -575,6 +690,31 @@ fn everything_is_drawn_when_asked_for() {
             assert_eq!(navigator.active_count(), tree.leaf_count());
             assert_eq!(navigator.triangle_count(), tree.triangles.corners.len());
         }
+    }
+}
+
+/// Where one part of the surface has nearly all of the wedges, and the camera is there: their slots are what decides.
+#[test]
+fn a_front_without_slots_comes_to_rest() {
+    let tree = testing::grid_tree(70, 70, 5);
+    let is_dense = |leaf: u32| tree.positions[leaf as usize][0] < 20.0;
+    let attributes = Attributes::with_counts(&tree, 14, |leaf, _| if is_dense(leaf) { 25 } else { 1 });
+    let model = attributes.model_of(&tree);
+    let place = DVec3::from_array(tree.origin) + DVec3::new(10.0, 35.0, 0.0);
+    let near = Camera::looking_at(place + DVec3::Z * 20.0, place, 60.0);
+    let options = NavigatorOptions { pixels: 0.0, attributes: true, ..options() };
+    let whole = Navigator::open(model.clone(), options.clone()).unwrap().budget_bytes();
+    for dependency in [Dependency::Implicit, Dependency::None] {
+        let options = NavigatorOptions { memory: whole / 2, dependency, ..options.clone() };
+        let mut navigator = Navigator::open(model.clone(), options).unwrap();
+        let statistics = navigator.run_until_settled(&near, 2000).unwrap();
+        assert!(navigator.settled() && statistics.threshold_factor > 1.0);
+        check(&navigator).unwrap();
+        let (used, capacity) = (navigator.front().used(), navigator.front().capacity());
+        assert!(
+            used.wedges > capacity.wedges * 3 / 4 && used.vertices < capacity.vertices / 2,
+            "{used:?} {capacity:?}"
+        );
     }
 }
 
@@ -729,7 +869,7 @@ fn threads_that_race_do_no_harm() {
         // The least with so many threads.
         let smallest = smallest_memory(&model);
         let has_threads =
-            |memory: &u64| plan_with(&model, *memory, io_threads, false).unwrap().io_threads == io_threads;
+            |memory: &u64| plan_with(&model, *memory, io_threads, Streams::default()).unwrap().io_threads == io_threads;
         let memory = (0..).map(|step| smallest + step * 20_000).find(has_threads).unwrap();
         let options = NavigatorOptions { memory, policy, io: Io::Thread, io_threads: Some(io_threads), ..options() };
         let mut navigator = Navigator::open(model.clone(), options).unwrap();

@@ -287,7 +287,7 @@ impl Refiner<'_> {
             return Some(Step::After(other));
         }
         let born = self.front.thirds().len();
-        let fits = self.front.has_room(born) && self.front.triangle_count() + born <= self.triangle_limit;
+        let fits = self.front.has_room(prepared) && self.front.triangle_count() + born <= self.triangle_limit;
         (!fits).then_some(Step::Impossible(Outcome::FrontFull))
     }
 

@@ -1,6 +1,8 @@
 //! Small trees for the tests: meshes, collapsed in a random order or roughly the shortest edge first, without any test
 //! for legality. Every such sequence gives a valid tree.
 
+mod attributes;
+
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -15,6 +17,8 @@ use storage::{Disk, MemoryDisk};
 use vdt::tree::{
     BornTriangles, NO_SPLIT, Normal, NormalCone, Root, Split, StoredTree, Tree, enclosing_radius, id_after, switch_of,
 };
+
+pub use self::attributes::Attributes;
 
 /// A small generator of random numbers (SplitMix64).
 #[derive(Debug, Clone)]
@@ -388,13 +392,17 @@ pub const SMALL_PAGES: Blocking = Blocking::Forest { slot_bytes: 4096, fan_out: 
 
 /// A disk with the tree's model file, `model.vdt`.
 pub fn disk_of(tree: &Tree, blocking: Blocking) -> MemoryDisk {
+    disk_of_stored(&StoredTree::from_tree(tree.clone()), blocking)
+}
+
+fn disk_of_stored(tree: &StoredTree, blocking: Blocking) -> MemoryDisk {
     let disk = MemoryDisk::new();
     let (metric, strategy, error_bound) = (Metric::Length, Strategy::Btree, ErrorBound::Fast);
     let positions = Positions::Lossless;
     let options = ModelOptions { blocking, metric, strategy, error_bound, input_error: 0.0, positions };
     let shared: Arc<dyn Disk> = Arc::new(disk.clone());
-    let (tree, resources) = (StoredTree::from_tree(tree.clone()), WriteResources::in_memory());
-    write_model(shared, Path::new("model.vdt"), &tree, &options, &resources, &mut |_| ()).unwrap();
+    let resources = WriteResources::in_memory();
+    write_model(shared, Path::new("model.vdt"), tree, &options, &resources, &mut |_| ()).unwrap();
     disk
 }
 

@@ -3,6 +3,7 @@
 //!
 //! Stars beyond their first line are left out.
 
+use super::wedges::Wedges;
 use super::{Birth, Front, GROUP, NEXT, NONE, Vertex};
 use storage::prefetch::prefetch;
 
@@ -81,8 +82,12 @@ impl Front {
     }
 
     fn prefetch_triangles(&self, vertex: u32) {
-        for corner in self.stars.first_corners(self.vertices[vertex as usize].links.star) {
+        let corners = self.stars.first_corners(self.vertices[vertex as usize].links.star);
+        for corner in corners {
             self.triangles.prefetch(corner >> 2);
+        }
+        if let Some(seams) = self.wedges.as_ref().and_then(Wedges::seams) {
+            corners.iter().for_each(|corner| seams.prefetch(corner >> 2));
         }
     }
 

@@ -1,5 +1,6 @@
 //! Undoing a split.
 
+use super::wedges::Wedges;
 use super::{Birth, Front, Links, NONE, Span, Vertex};
 
 impl Front {
@@ -12,6 +13,16 @@ impl Front {
         let Birth { kept: vertex, previous, slot, id, moved_by, radius, switch, cone } = birth;
         let kept = vertex as usize;
 
+        if let Some(seams) = self.wedges.as_mut().and_then(Wedges::seams_mut) {
+            for entry in self.stars.corners(born_star) {
+                let triangle = entry.triangle();
+                if self.triangles.corners(triangle).contains(&vertex) {
+                    seams.remove_triangle(triangle);
+                } else {
+                    seams.move_corner(triangle, entry.place(), vertex);
+                }
+            }
+        }
         let mut star = self.vertices[kept].links.star;
         let mut dead = 0;
         let (triangles, vertices) = (&mut self.triangles, &mut self.vertices);
@@ -44,6 +55,9 @@ impl Front {
         let above = self.vertices[kept].birth.kept;
         if previous == NONE && above != NONE && self.vertices[above as usize].links.last == vertex {
             self.set_collapse(above, vertex);
+        }
+        if let Some(wedges) = &mut self.wedges {
+            wedges.release(born);
         }
         self.vacate(born);
     }

@@ -44,7 +44,9 @@ mod prepare;
 mod split;
 mod stars;
 mod triangles;
+mod wedges;
 
+use metanode::appearance::ModelAppearance;
 use metanode::header::ModelRoot;
 use metanode::page::{ChildEntry, NormalCone, Target};
 
@@ -57,6 +59,8 @@ use self::stars::Stars;
 pub use self::stars::{Entry, LINE_BYTES};
 use self::triangles::Triangles;
 pub use self::triangles::{TRIANGLE_BYTES, TRIANGLE_LIMIT};
+use self::wedges::Wedges;
+pub use self::wedges::{DrawnWedge, Seams, WedgeKeeping};
 use crate::evaluation::{self, Criteria, GROUP, Group, Groups};
 use crate::view::Sphere;
 use storage::prefetch::ask_for_large_pages;
@@ -164,6 +168,8 @@ pub struct Capacity {
     pub lines: usize,
     /// Triangles that one split can bear.
     pub born_triangles: usize,
+    /// Slots of wedges, where there are any. A multiple of [`CHUNK`].
+    pub wedges: usize,
 }
 
 impl Capacity {
@@ -198,6 +204,7 @@ pub struct Front {
     numbers: Numbers,
     changes: Changes,
     morphs: Option<Morphs>,
+    wedges: Option<Wedges>,
     stars: Stars,
     triangles: Triangles,
     /// Active triangles of each tree.
@@ -232,6 +239,7 @@ impl Front {
             numbers: Numbers::new(vertices),
             changes: Changes::new(vertices),
             morphs: None,
+            wedges: None,
             stars: Stars::new(capacity.lines),
             triangles: Triangles::new(capacity.triangles),
             tree_triangles: vec![0; roots.len()],
@@ -265,9 +273,32 @@ impl Front {
         self
     }
 
-    /// Most vertices, triangles and lines.
+    /// The same where corners of triangles have what a model that looks like this says.
+    pub fn with_wedges(mut self, appearance: &ModelAppearance) -> Self {
+        let mut wedges = Wedges::new(appearance, &self.capacity);
+        wedges.resize(self.positions.len());
+        for (tree, root) in self.vertices().enumerate() {
+            let normal = self.positions[root as usize][3].to_bits();
+            wedges.bear(root, root, appearance.root_wedges.of_tree(tree).iter().copied(), normal);
+        }
+        self.wedges = Some(wedges);
+        self
+    }
+
+    /// Most vertices, triangles, lines and slots.
     pub fn capacity(&self) -> Capacity {
         self.capacity
+    }
+
+    /// How many of them there are, and no born triangles.
+    pub fn used(&self) -> Capacity {
+        Capacity {
+            vertices: self.vertex_count(),
+            triangles: self.triangle_count(),
+            lines: self.line_count(),
+            born_triangles: 0,
+            wedges: self.wedges.as_ref().and_then(Wedges::seams).map_or(0, |seams| seams.used()),
+        }
     }
 
     /// Vertices, that is active nodes (and perhaps roots without a triangle).
@@ -312,11 +343,13 @@ impl Front {
         }
     }
 
-    /// Whether another split, with so many born triangles, fits.
-    pub fn has_room(&self, born_triangles: usize) -> bool {
+    /// Whether there is room for the split that was prepared last.
+    pub fn has_room(&self, prepared: &Prepared) -> bool {
+        let born_triangles = self.thirds.len();
         self.numbers.used() < self.capacity.vertices
             && self.triangles.count() + born_triangles <= self.triangles.capacity()
             && self.stars.room() >= Stars::most_for_split(born_triangles)
+            && self.wedges.as_ref().and_then(Wedges::seams).is_none_or(|seams| seams.room() >= prepared.born_wedges)
     }
 
     /// The numbers of vertices are below this; those below it may be free.
@@ -409,6 +442,16 @@ impl Front {
         self.morphs.as_ref()
     }
 
+    /// What corners of triangles carry besides positions; `None` where nothing is kept of that.
+    pub fn wedges(&self) -> Option<&Wedges> {
+        self.wedges.as_ref()
+    }
+
+    /// Which wedges have changed, see [`Wedges::stream`]: without seams those of new vertices.
+    pub fn changed_wedges(&self) -> Option<&Changes> {
+        self.wedges.as_ref().map(|wedges| wedges.seams().map_or(&self.changes, |seams| seams.changes()))
+    }
+
     /// All vertices that are on their way go a step on.
     pub fn step_morphs(&mut self) {
         if let Some(morphs) = &mut self.morphs {
@@ -420,6 +463,9 @@ impl Front {
     pub fn clear_changes(&mut self) {
         if let Some(morphs) = &mut self.morphs {
             morphs.clear_changes();
+        }
+        if let Some(wedges) = &mut self.wedges {
+            wedges.clear_changes();
         }
         self.changes.clear();
         self.triangles.clear_changes();
@@ -569,13 +615,27 @@ impl Front {
     pub fn close_gaps(&mut self, most: usize) {
         (0..most).take_while(|_| self.move_last_triangle()).count();
         (0..most).take_while(|_| self.move_last_vertex()).count();
+        if let Some(wedges) = &mut self.wedges {
+            wedges.drop_free_slots();
+        }
     }
 
     /// False where there are not many gaps.
     fn move_last_triangle(&mut self) -> bool {
-        let Some(last) = self.triangles.last_if_sparse() else { return false };
+        let last = self.triangles.last_if_sparse();
+        let seams = self.wedges.as_mut().and_then(Wedges::seams_mut);
+        let Some(last) = last else {
+            if let Some(seams) = seams {
+                seams.resize_triangles(self.triangles.list().len());
+            }
+            return false;
+        };
         let corners = self.triangles.corners(last);
         let moved = self.triangles.add(corners, 0);
+        if let Some(seams) = seams {
+            seams.resize_triangles(self.triangles.list().len());
+            seams.renumber_triangle(last, moved);
+        }
         for (place, vertex) in corners.into_iter().enumerate() {
             self.stars.rename(
                 self.vertices[vertex as usize].links.star,
@@ -605,6 +665,9 @@ impl Front {
         self.groups[moved / GROUP].collapse.copy(moved % GROUP, &of_last.collapse, place);
         if let Some(morphs) = &mut self.morphs {
             morphs.renumber(last, moved as u32);
+        }
+        if let Some(wedges) = &mut self.wedges {
+            wedges.renumber(last, moved as u32);
         }
         self.set_leads_out(moved, self.leads_out[last as usize / CHUNK] >> (last as usize % CHUNK) & 1 == 1);
         let moved = moved as u32;
@@ -648,6 +711,9 @@ impl Front {
         self.not_before.resize(bound, 0);
         if let Some(morphs) = &mut self.morphs {
             morphs.resize(bound);
+        }
+        if let Some(wedges) = &mut self.wedges {
+            wedges.resize(bound);
         }
     }
 

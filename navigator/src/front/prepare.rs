@@ -22,6 +22,8 @@ pub struct Prepared {
     pub(super) record: Record,
     pub(super) kept_page: u32,
     pub(super) born_page: u32,
+    /// Slots for the wedges of the born leaf.
+    pub(super) born_wedges: usize,
 }
 
 impl Prepared {
@@ -83,7 +85,9 @@ impl Front {
             Some(Target::SamePage { .. }) => page.number(),
             Some(Target::ChildPage { child, .. }) => page.child_number(child),
         };
-        Ok(Prepared { vertex, record, kept_page: page_of(record.kept), born_page: page_of(record.born) })
+        let born_wedges = self.wedges_that_fit(vertex, middle, page, index).map_err(misfit)?;
+        let (kept_page, born_page) = (page_of(record.kept), page_of(record.born));
+        Ok(Prepared { vertex, record, kept_page, born_page, born_wedges })
     }
 
     /// The third corners of the triangles that the split last prepared bears.

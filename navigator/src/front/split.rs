@@ -2,13 +2,14 @@
 
 use metanode::page::{ChildEntry, NormalCone, Page};
 
+use super::wedges::Wedges;
 use super::{Birth, Entry, Front, GROUP, Links, NONE, Prepared, Span, Vertex, record_of};
 
 impl Front {
     /// Applies the split that was prepared last, with nothing changed in between and with [`Front::has_room`]. `slot` is the
     /// place holder that `page` is in. Returns the vertex that is born.
     pub fn split(&mut self, prepared: &Prepared, page: &Page, slot: u32) -> u32 {
-        let Prepared { vertex, record, kept_page, born_page } = *prepared;
+        let Prepared { vertex, record, kept_page, born_page, .. } = *prepared;
         let (kept, middle) = (vertex as usize, record.born_leaf);
         let Vertex { span: Span { start, end, id, moved_by }, links: Links { last, star, .. }, record: index, .. } =
             self.vertices[kept];
@@ -34,6 +35,16 @@ impl Front {
         // Where no triangle was left around the vertex that went, those around the one that stayed took over what it
         // answered for, so that they count as moved.
         let kept_moved_by = if born_star == NONE { id } else { moved_by };
+        if let Some(wedges) = &mut self.wedges {
+            wedges.bear(born as u32, vertex, page.wedges(index), record.normal.to_word());
+        }
+        let mut seams = self.wedges.as_mut().and_then(Wedges::seams_mut);
+        let mut corner_wedges = seams.is_some().then(|| page.corner_wedges(index)).into_iter().flatten();
+        if let Some(seams) = &mut seams {
+            for entry in self.stars.corners(born_star) {
+                seams.move_corner(entry.triangle(), entry.place(), born as u32);
+            }
+        }
 
         for (leaves, third) in page.triangles(index).zip(&self.thirds) {
             let inside = middle <= leaves[1] && leaves[1] < end;
@@ -43,6 +54,10 @@ impl Front {
                 ([vertex, third.vertex, born as u32], 2, 1)
             };
             let triangle = self.triangles.add(corners, near);
+            if let Some(seams) = &mut seams {
+                seams.resize_triangles(self.triangles.list().len());
+                seams.add_triangle(triangle, corners, corner_wedges.next().unwrap_or_default());
+            }
             let entry = |place: usize| Entry { corner: triangle << 2 | place as u32, leaf: leaves[place] };
             self.stars.push(&mut kept_star, entry(0));
             self.stars.push(&mut born_star, entry(born_place));

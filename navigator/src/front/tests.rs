@@ -14,10 +14,11 @@ fn a_vertex_is_a_cache_line_and_a_group_three() {
     assert_eq!(VERTEX_BYTES, 106);
 }
 
-/// The model of a tree, all in one page.
-fn one_page(mesh: testing::Mesh) -> (Model, Page) {
+/// The model of a tree with attributes, all in one page.
+fn one_page(mesh: testing::Mesh, most_wedges: usize) -> (Model, Page) {
     let tree = mesh.into_tree(5, 3);
-    let disk = testing::disk_of(&tree, Blocking::Forest { slot_bytes: 1 << 20, fan_out: 2 });
+    let attributes = testing::Attributes::with_counts(&tree, 6, |_, random| 1 + random.below(most_wedges));
+    let disk = attributes.disk_of(&tree, Blocking::Forest { slot_bytes: 1 << 20, fan_out: 2 });
     let model = Model::open(&disk, "model.vdt".as_ref()).unwrap();
     let mut page = model.empty_page();
     model.read_page(model.root_pages()[0], &[], &mut PageReader::default(), &mut page).unwrap();
@@ -26,9 +27,19 @@ fn one_page(mesh: testing::Mesh) -> (Model, Page) {
 
 /// Everything about a front that splits and collapses may not leave different. Numbers of vertices may differ: leaves do not.
 fn state(front: &Front) -> impl PartialEq + use<> {
+    let wedges = front.wedges().unwrap();
+    // The wedge of a corner, by the bytes of what is drawn of it.
+    let wedge = |triangle: u32, place: usize, vertex: u32| {
+        let slot = wedges.seams().map_or(vertex, |seams| seams.corners()[triangle as usize][place]);
+        let source = wedges.seams().map_or(0, |seams| seams.source(triangle, place));
+        (source, bytemuck::cast::<DrawnWedge, [u32; 5]>(wedges.stream()[slot as usize]))
+    };
+    let corner = |triangle: u32, place: usize, vertex: u32| {
+        (front.leaf_at(vertex, triangle), front.interval(vertex), wedge(triangle, place, vertex))
+    };
     let mut triangles: Vec<_> = front
         .triangles()
-        .map(|(triangle, corners)| corners.map(|vertex| (front.leaf_at(vertex, triangle), front.interval(vertex))))
+        .map(|(triangle, corners)| [0, 1, 2].map(|place: usize| corner(triangle, place, corners[place])))
         .collect();
     triangles.sort_unstable();
     let vertex = |vertex: u32| {
@@ -38,19 +49,22 @@ fn state(front: &Front) -> impl PartialEq + use<> {
     };
     let mut vertices: Vec<_> = front.vertices().map(vertex).collect();
     vertices.sort_unstable();
-    (triangles, vertices, front.vanished_trees())
+    (triangles, vertices, front.vanished_trees(), front.used().wedges)
 }
 
 /// All splits of a model that fits into one page, down to the leaves, and back: each time what it was before.
 #[test]
 fn a_collapse_undoes_a_split() {
     let meshes = [testing::Mesh::grid(7, 6, 3), testing::Mesh::sphere(2), testing::Mesh::grid(8, 5, 1).tangled(4)];
-    for mesh in meshes.into_iter().chain([testing::Mesh::beside(vec![testing::Mesh::sphere(1); 3])]) {
-        let (model, page) = one_page(mesh);
+    let meshes = meshes.into_iter().chain([testing::Mesh::beside(vec![testing::Mesh::sphere(1); 3])]);
+    for (mesh, most_wedges) in meshes.zip([1, 2, 30, 3]) {
+        let (model, page) = one_page(mesh, most_wedges);
+        let appearance = model.appearance().unwrap();
+        let wedges = appearance.wedge_count as usize;
         let header = *model.header();
         let (leaves, triangles) = (header.leaf_count as usize, header.triangle_count as usize);
-        let capacity = Capacity { vertices: leaves, triangles, lines: 3 * triangles + 10, born_triangles: 100 };
-        let mut front = Front::new(model.roots(), header.leaf_count, capacity);
+        let capacity = Capacity { vertices: leaves, triangles, lines: 3 * triangles + 10, born_triangles: 100, wedges };
+        let mut front = Front::new(model.roots(), header.leaf_count, capacity).with_wedges(appearance);
         let mut random = testing::Random(1);
         let mut log = Vec::new();
         loop {
@@ -61,7 +75,7 @@ fn a_collapse_undoes_a_split() {
             let vertex = inner[random.below(inner.len())];
             let before = state(&front);
             let prepared = front.prepare(vertex, &page).unwrap();
-            assert!(front.has_room(front.thirds().len()));
+            assert!(front.has_room(&prepared));
             let born = front.split(&prepared, &page, 0);
             log.push((born, before));
             assert!(front.vertices().all(|vertex| front.criteria_fit(vertex) == Ok(())));
@@ -80,11 +94,13 @@ fn a_collapse_undoes_a_split() {
 /// Triangles and vertices move to the gaps that others leave, and all that names them goes with them.
 #[test]
 fn gaps_are_closed() {
-    let (model, page) = one_page(testing::Mesh::grid(30, 30, 3));
+    let (model, page) = one_page(testing::Mesh::grid(30, 30, 3), 3);
+    let appearance = model.appearance().unwrap();
+    let wedges = appearance.wedge_count as usize;
     let header = *model.header();
     let (vertices, triangles) = (header.leaf_count as usize, header.triangle_count as usize);
-    let capacity = Capacity { vertices, triangles, lines: 2 * triangles, born_triangles: 100 };
-    let mut front = Front::new(model.roots(), header.leaf_count, capacity);
+    let capacity = Capacity { vertices, triangles, lines: 2 * triangles, born_triangles: 100, wedges };
+    let mut front = Front::new(model.roots(), header.leaf_count, capacity).with_wedges(appearance);
     let inner = |front: &Front| front.vertices().find(|vertex| !front.is_leaf(*vertex));
     while let Some(vertex) = inner(&front) {
         let prepared = front.prepare(vertex, &page).unwrap();
@@ -121,4 +137,53 @@ fn gaps_are_closed() {
     }
     assert!(whole(&front));
     assert_eq!((front.vertex_count(), front.triangle_count()), (vertices, triangles));
+}
+
+/// There is room for a split as long as there are slots for its wedges.
+#[test]
+fn slots_are_counted() {
+    let (model, page) = one_page(testing::Mesh::grid(20, 20, 3), 5);
+    let (header, appearance) = (*model.header(), model.appearance().unwrap());
+    let (vertices, triangles) = (header.leaf_count as usize, header.triangle_count as usize);
+    let wedges = (appearance.wedge_count as usize / 2).next_multiple_of(CHUNK);
+    let capacity = Capacity { vertices, triangles, lines: 2 * triangles, born_triangles: 100, wedges };
+    let mut front = Front::new(model.roots(), header.leaf_count, capacity).with_wedges(appearance);
+    loop {
+        let vertex = front.vertices().find(|vertex| !front.is_leaf(*vertex)).unwrap();
+        let prepared = front.prepare(vertex, &page).unwrap();
+        if !front.has_room(&prepared) {
+            break;
+        }
+        front.split(&prepared, &page, 0);
+    }
+    let used = front.used();
+    assert!(used.vertices < vertices && used.wedges <= wedges && used.wedges + 5 > wedges, "{used:?} {wedges}");
+}
+
+/// What a page says of wedges and cannot be is refused before anything is changed: those of the same tree with other wedges.
+#[test]
+fn wedges_that_do_not_fit_are_told() {
+    let mesh = testing::Mesh::grid(12, 12, 3);
+    let ((model, page), (_, other)) = (one_page(mesh.clone(), 3), one_page(mesh, 2));
+    let (header, appearance) = (*model.header(), model.appearance().unwrap());
+    let (vertices, triangles) = (header.leaf_count as usize, header.triangle_count as usize);
+    let wedges = appearance.wedge_count as usize;
+    let capacity = Capacity { vertices, triangles, lines: 2 * triangles, born_triangles: 100, wedges };
+    let mut front = Front::new(model.roots(), header.leaf_count, capacity).with_wedges(appearance);
+    let (mut late, mut lost, mut moved) = (0, 0, 0);
+    let inner = |front: &Front| front.vertices().find(|vertex| !front.is_leaf(*vertex));
+    while let Some(vertex) = inner(&front) {
+        let before = state(&front);
+        match front.prepare(vertex, &other).map_err(|misfit| misfit.problem) {
+            Ok(_) => (),
+            Err(problem) if problem.contains("does not come after") => late += 1,
+            Err(problem) if problem.contains("has none that is drawn") => lost += 1,
+            Err(problem) if problem.contains("turns into none of leaf") => moved += 1,
+            Err(problem) => panic!("{problem}"),
+        }
+        assert!(state(&front) == before);
+        let prepared = front.prepare(vertex, &page).unwrap();
+        front.split(&prepared, &page, 0);
+    }
+    assert!(late > 0 && lost > 0 && moved > 0, "{late} {lost} {moved}");
 }
