@@ -61,9 +61,10 @@ pub fn run(options: &RenderOptions, json: bool) -> Result<()> {
     }
 
     let PictureSize { width, height } = options.picture.size;
-    let mut painter = Painter::open(options.renderer.into(), &model, width, height, options.gpu_memory.0)?;
+    let mut painter =
+        Painter::open(options.renderer.into(), &model, [width, height], [options.memory.0, options.gpu_memory.0])?;
     let point_bytes = Picture::POINT_BYTES + ENCODING_BYTES.max(painter.point_bytes());
-    let for_picture = u64::from(width) * u64::from(height) * point_bytes;
+    let for_picture = u64::from(width) * u64::from(height) * point_bytes + painter.bytes();
     let Some(memory) = options.memory.0.checked_sub(for_picture) else {
         let (size, needed) = (format!("{width}x{height}"), ByteSize(for_picture));
         bail!("a picture of {size} points takes {needed} of RAM, more than {}: give more --memory", options.memory);
@@ -73,6 +74,7 @@ pub fn run(options: &RenderOptions, json: bool) -> Result<()> {
         pixels: options.picture.pixels,
         width,
         height,
+        attributes: true,
         max_triangles: painter.most_triangles(),
         geomorph: options.geomorph,
         io: Io::Sync,
@@ -192,6 +194,9 @@ fn tell(
         .line("error", format!("{:.2} pixels, {} in mesh units", last.pixels_drawn, length(last.error_stated.into())));
     let device = painter.device().map(Gpu::name);
     report.line("drawn by", device.unwrap_or("the processor"));
+    for problem in painter.problems() {
+        report.line("note", problem);
+    }
     let is_single = options.path.is_none() || options.settle;
     if last.threshold_factor > 1.0 {
         let allowed = pixels * last.threshold_factor;
@@ -212,6 +217,7 @@ fn tell(
         "settled": drawn.settled,
         "renderer": if device.is_some() { "gpu" } else { "software" },
         "device": device,
+        "problems": painter.problems(),
         "uploaded_bytes": drawn.uploaded,
         "seconds": seconds,
         "peak_rss_bytes": storage::usage::peak_resident_bytes(),

@@ -29,7 +29,8 @@
 use std::path::Path;
 
 use storage::{Disk, ReadAt, StorageError};
-use vdt::tree::{Appearance, AttributeKinds, Image, ImageSource, MOST_WEDGES, Material};
+pub use vdt::tree::{Appearance, AttributeKinds, Image, Material};
+use vdt::tree::{ImageSource, MOST_WEDGES};
 
 use crate::header::{Header, ModelError, ModelRoot};
 use crate::wedges::{PlacedWedge, RootWedges, WedgeLayout};

@@ -34,4 +34,3 @@ fn end(node: &ActiveMetaNode, corner: usize) -> LineEnd {
     let [red, green, blue] = crate::levels::colour(1 + (node.page.wrapping_mul(5) % 12) as u8);
     LineEnd { position, colour: [red, green, blue, 1.0].map(|part| (255.0 * part) as u8) }
 }
-}

@@ -11,11 +11,16 @@
 //! Memory: none beside the picture. Time: once through the triangles, and through the points around each. (A vertex is brought to
 //! the picture once for each triangle there: to keep them would take RAM in proportion to the front.)
 
-use glam::DVec3;
+use std::ops::{Add, Mul};
+
+use glam::{DVec2, DVec3};
 use metanode::page::Normal;
+use navigator::DrawnWedge;
 
 use crate::boxes::LineEnd;
+use crate::colours::{from_stored, stored};
 use crate::levels::colour;
+use crate::looks::{Looks, PLAIN, Texture};
 use crate::picture::Picture;
 use crate::projection::{Place, Projection};
 
@@ -25,15 +30,13 @@ const STEPS: i64 = 256;
 const MARGIN: f64 = 16.0;
 /// The part of the light that comes from everywhere.
 const AMBIENT: f64 = 0.12;
-/// The part of it that the surface throws back: red, green and blue.
-const SURFACE: [f64; 3] = [0.76, 0.74, 0.70];
-/// The same for a point on the side of a triangle, where those are drawn.
+/// The part of it that a point on the side of a triangle throws back, where those are drawn: red, green and blue.
 const SIDE: [f64; 3] = [0.02, 0.05, 0.12];
 /// How far from a side a point belongs to it, in points.
 const SIDE_WIDTH: f64 = 0.6;
 
 /// What is drawn: the streams of a navigator.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct Buffers<'a> {
     /// Positions, and normals, see [`Navigator::vertex_stream`](navigator::Navigator::vertex_stream).
     pub vertices: &'a [[f32; 4]],
@@ -43,15 +46,29 @@ pub struct Buffers<'a> {
     pub triangles: &'a [[u32; 3]],
     /// Levels of detail, by the numbers of the vertices; empty where their colours are not to be seen.
     pub levels: &'a [u8],
+    /// What corners carry, see [`Navigator::wedge_stream`](navigator::Navigator::wedge_stream); may be empty.
+    pub wedges: &'a [DrawnWedge],
+    /// Which corners carry which, see [`Navigator::corner_stream`](navigator::Navigator::corner_stream); may be empty.
+    pub corners: &'a [[u32; 3]],
+    /// What the materials of wedges look like; needed where there are wedges.
+    pub looks: Option<&'a Looks>,
 }
 
-/// A vertex as the eye sees it, with its normal.
+/// What is different from corner to corner, and between them in the middle.
 #[derive(Debug, Clone, Copy)]
-struct Vertex {
-    place: Place,
+struct Carried {
     normal: DVec3,
     /// The part of the light that the surface throws back: red, green and blue.
     surface: DVec3,
+    /// Texture coordinate.
+    texture: DVec2,
+}
+
+/// A corner of a triangle as the eye sees it.
+#[derive(Debug, Clone, Copy)]
+struct Vertex {
+    place: Place,
+    carried: Carried,
 }
 
 /// A corner of a triangle on the picture.
@@ -60,23 +77,55 @@ struct Corner {
     /// In steps, from the top left corner.
     x: i64,
     y: i64,
-    /// One over the depth, and normal and surface times that: these are linear on the picture.
+    /// One over the depth, and what is carried times that: these are linear on the picture.
     nearness: f64,
-    normal: DVec3,
-    surface: DVec3,
+    carried: Carried,
 }
 
-/// Draws the triangles into the picture, before and behind what is there already, with their sides or without.
-pub fn draw(picture: &mut Picture, projection: &Projection, buffers: Buffers<'_>, edges: bool) {
-    let mut painter = Painter { picture, light: projection.headlight(), edges };
-    for corners in buffers.triangles {
-        if corners[0] != corners[1] && corners[1] != corners[2] && corners[2] != corners[0] {
-            painter.triangle(corners.map(|corner| seen(projection, &buffers, corner as usize)), projection.nearest());
+impl Mul<f64> for Carried {
+    type Output = Carried;
+
+    fn mul(self, factor: f64) -> Carried {
+        let Carried { normal, surface, texture } = self;
+        Carried { normal: normal * factor, surface: surface * factor, texture: texture * factor }
+    }
+}
+
+impl Add for Carried {
+    type Output = Carried;
+
+    fn add(self, other: Carried) -> Carried {
+        Carried {
+            normal: self.normal + other.normal,
+            surface: self.surface + other.surface,
+            texture: self.texture + other.texture,
         }
     }
 }
 
-fn seen(projection: &Projection, buffers: &Buffers<'_>, vertex: usize) -> Vertex {
+/// Draws the triangles into the picture, before and behind what is there already, with their sides or without.
+pub fn draw(picture: &mut Picture, projection: &Projection, buffers: Buffers<'_>, edges: bool) {
+    let mut painter = Painter { picture, light: projection.headlight(), edges, texture: None };
+    for (triangle, vertices) in buffers.triangles.iter().enumerate() {
+        if vertices[0] == vertices[1] || vertices[1] == vertices[2] || vertices[2] == vertices[0] {
+            continue;
+        }
+        let wedges = buffers.corners.get(triangle).unwrap_or(vertices);
+        let wedges = wedges.map(|wedge| buffers.wedges.get(wedge as usize));
+        painter.texture = wedges[0].filter(|_| buffers.levels.is_empty()).and_then(|wedge| texture(&buffers, wedge));
+        let corners = [0, 1, 2].map(|corner| seen(projection, &buffers, vertices[corner] as usize, wedges[corner]));
+        painter.triangle(corners, projection.nearest());
+    }
+}
+
+/// The texture of what has a wedge.
+fn texture<'a>(buffers: &Buffers<'a>, wedge: &DrawnWedge) -> Option<&'a Texture> {
+    let looks = buffers.looks?;
+    let look = looks.materials().get(wedge.material as usize)?;
+    looks.textures().get((look.texture as usize).checked_sub(1)?)
+}
+
+fn seen(projection: &Projection, buffers: &Buffers<'_>, vertex: usize, wedge: Option<&DrawnWedge>) -> Vertex {
     let [x, y, z, normal] = buffers.vertices[vertex];
     let position = match buffers.morphs.get(vertex) {
         Some([from_x, from_y, from_z, weight]) if *weight < 1.0 => {
@@ -85,9 +134,23 @@ fn seen(projection: &Projection, buffers: &Buffers<'_>, vertex: usize) -> Vertex
         }
         _ => [x, y, z],
     };
-    let normal = DVec3::from_array(Normal::from_word(normal.to_bits()).decode().map(f64::from));
-    let surface = buffers.levels.get(vertex).map_or(SURFACE, |level| colour(*level).map(f64::from));
-    Vertex { place: projection.place(position), normal, surface: DVec3::from_array(surface) }
+    let word = wedge.map_or(normal.to_bits(), |wedge| wedge.normal);
+    let normal = DVec3::from_array(Normal::from_word(word).decode().map(f64::from));
+    let surface = match (buffers.levels.get(vertex), wedge) {
+        (Some(level), _) => DVec3::from_array(colour(*level).map(f64::from)),
+        (None, Some(wedge)) => surface(buffers.looks, wedge),
+        (None, None) => DVec3::from_array(PLAIN.map(f64::from)),
+    };
+    let texture = wedge.map_or(DVec2::ZERO, |wedge| DVec2::from_array(wedge.texture.map(f64::from)));
+    Vertex { place: projection.place(position), carried: Carried { normal, surface, texture } }
+}
+
+/// What a corner throws back, but for its texture.
+fn surface(looks: Option<&Looks>, wedge: &DrawnWedge) -> DVec3 {
+    let [red, green, blue, _] = wedge.colour;
+    let of_vertex = [red, green, blue].map(|part| from_stored(f64::from(part) / 255.0));
+    let look = looks.and_then(|looks| looks.materials().get(wedge.material as usize));
+    DVec3::from_array(of_vertex) * DVec3::from_array(look.map_or(PLAIN, |look| look.colour).map(f64::from))
 }
 
 /// By how much a place is on the inner side of each plane at which triangles are cut: the one before the eye, and four far out of
@@ -102,8 +165,7 @@ fn insides(place: Place, nearest: f64) -> [f64; 5] {
 fn between(within: Vertex, inside: f64, beyond: Vertex, outside: f64) -> Vertex {
     let part = inside / (inside + outside);
     let place = place_between(within.place, beyond.place, part);
-    let (normal, surface) = (within.normal.lerp(beyond.normal, part), within.surface.lerp(beyond.surface, part));
-    Vertex { place, normal, surface }
+    Vertex { place, carried: within.carried * (1.0 - part) + beyond.carried * part }
 }
 
 /// The place a part of the way from one to another.
@@ -135,6 +197,8 @@ struct Painter<'a> {
     picture: &'a mut Picture,
     light: DVec3,
     edges: bool,
+    /// That of the triangle at hand.
+    texture: Option<&'a Texture>,
 }
 
 impl Painter<'_> {
@@ -155,10 +219,10 @@ impl Painter<'_> {
         others.windows(2).for_each(|pair| self.fill([*first, pair[0], pair[1]]));
     }
 
-    fn corner(&self, Vertex { place, normal, surface }: Vertex) -> Corner {
+    fn corner(&self, Vertex { place, carried }: Vertex) -> Corner {
         let [x, y] = on_picture(self.picture, place).map(|points| (points * STEPS as f64).round() as i64);
         let nearness = 1.0 / place.depth;
-        Corner { x, y, nearness, normal: normal * nearness, surface: surface * nearness }
+        Corner { x, y, nearness, carried: carried * nearness }
     }
 
     fn fill(&mut self, [first, mut second, mut third]: [Corner; 3]) {
@@ -188,6 +252,12 @@ impl Painter<'_> {
         let sides = [(second, third), (third, first), (first, second)];
         let over_area = 1.0 / area as f64;
         let lengths = sides.map(|(from, to)| ((to.x - from.x) as f64).hypot((to.y - from.y) as f64));
+        // How many points of the texture there are for a point of the picture, on each side.
+        let texture_points = self.texture.map_or(0.0, |texture| {
+            let [origin, right, down] = corners.map(|corner| corner.carried.texture / corner.nearness);
+            let of_texture = (right - origin).perp_dot(down - origin).abs() * f64::from(texture.side()).powi(2);
+            (of_texture * over_area).sqrt() * STEPS as f64
+        });
         for row in top..bottom {
             let y = row * STEPS + STEPS / 2;
             let mut areas = sides.map(|(from, to)| doubled_area(from, to, left * STEPS + STEPS / 2, y));
@@ -199,16 +269,17 @@ impl Painter<'_> {
                     let near = (0..3).map(|corner| shares[corner] * corners[corner].nearness).sum::<f64>() as f32;
                     if near > *nearest {
                         *nearest = near;
-                        let normal: DVec3 = (0..3).map(|corner| shares[corner] * corners[corner].normal).sum();
+                        let [one, two, three] = [0, 1, 2].map(|corner| corners[corner].carried * shares[corner]);
+                        let Carried { normal, mut surface, texture } = (one + two + three) * (1.0 / f64::from(near));
+                        if let Some(found) = self.texture {
+                            surface *= DVec3::from_array(found.at(texture.to_array(), texture_points));
+                        }
                         let is_side = |side: usize| areas[side] as f64 <= SIDE_WIDTH * STEPS as f64 * lengths[side];
-                        let surface = if self.edges && (0..3).any(is_side) {
-                            DVec3::from_array(SIDE)
-                        } else {
-                            (0..3).map(|corner| shares[corner] * corners[corner].surface).sum::<DVec3>()
-                                / f64::from(near)
-                        };
+                        if self.edges && (0..3).any(is_side) {
+                            surface = DVec3::from_array(SIDE);
+                        }
                         let direct = (facing * normal.normalize_or_zero().dot(self.light)).max(0.0);
-                        *colour = surface.to_array().map(|part| srgb(part * (AMBIENT + (1.0 - AMBIENT) * direct)));
+                        *colour = surface.to_array().map(|part| stored(part * (AMBIENT + (1.0 - AMBIENT) * direct)));
                     }
                 }
                 for (area, (from, to)) in areas.iter_mut().zip(&sides) {
@@ -248,7 +319,7 @@ pub fn draw_lines(picture: &mut Picture, projection: &Projection, lines: &[LineE
 fn draw_line(picture: &mut Picture, ends: [Place; 2], colour: [u8; 4]) {
     let [from, to] = ends.map(|end| on_picture(picture, end));
     let [red, green, blue, _] = colour;
-    let stored = [red, green, blue].map(|part| srgb(f64::from(part) / 255.0));
+    let stored = [red, green, blue].map(|part| stored(f64::from(part) / 255.0));
     let steps = (to[0] - from[0]).abs().max((to[1] - from[1]).abs()).ceil();
     let nearness = ends.map(|end| 1.0 / end.depth);
     for step in 0..=steps as u64 {
@@ -280,13 +351,6 @@ fn doubled_area(from: Corner, to: Corner, x: i64, y: i64) -> i64 {
 /// Whether what lies on a side belongs to the triangle to the right of it: where that is below it, or on its right.
 fn has_side(from: Corner, to: Corner) -> bool {
     to.y < from.y || (to.y == from.y && to.x > from.x)
-}
-
-/// A part of the light, 0 to 1, as it is stored.
-fn srgb(linear: f64) -> u8 {
-    let linear = linear.clamp(0.0, 1.0);
-    let stored = if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
-    (255.0 * stored).round() as u8
 }
 
 #[cfg(test)]

@@ -12,6 +12,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use thiserror::Error;
 use wgpu::{Adapter, Device, DeviceType, DownlevelFlags, Instance, Limits, Queue, Surface};
 
+use crate::looks::Room;
+
 /// Storage buffers that the vertex shader takes beside those of the vertices and their wedges.
 pub(crate) const OTHER_BUFFERS: u32 = 4;
 /// Storage buffers that it takes for each part that vertices are divided into.
@@ -153,6 +155,18 @@ impl Gpu {
     /// Whether the driver draws by the processor.
     pub fn is_processor(&self) -> bool {
         self.is_processor
+    }
+
+    /// How much room there is for textures: half of the memory on the device, and while they are made, half of that in RAM.
+    pub fn room_for_textures(&self, memory: u64, gpu_memory: u64) -> Room {
+        let limits = self.device.limits();
+        let bytes = (gpu_memory / 2).min(memory / 2);
+        Room {
+            bytes,
+            decoding_bytes: memory - bytes,
+            most_side: limits.max_texture_dimension_2d,
+            most_textures: limits.max_texture_array_layers,
+        }
     }
 
     /// The most bytes of a buffer that a shader can read.

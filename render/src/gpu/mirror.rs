@@ -120,6 +120,16 @@ impl Mirror {
         &self.parts
     }
 
+    /// A part, or the last one where there is none with this number.
+    pub fn part_or_last(&self, part: usize) -> &Buffer {
+        &self.parts[part.min(self.parts.len() - 1)]
+    }
+
+    /// Most parts.
+    pub fn most_parts(&self) -> usize {
+        self.most_parts
+    }
+
     /// Elements of the stream in a part.
     pub fn elements_in(&self, part: usize) -> usize {
         self.length.saturating_sub(part * self.part_elements).min(self.part_elements)
@@ -140,8 +150,9 @@ impl Mirror {
         self.parts.iter().map(Buffer::size).sum()
     }
 
-    /// Bytes that there will be on the device for a stream of so many elements, the old and the new of a part that grows included.
-    pub fn bytes_for(&self, elements: usize) -> u64 {
+    /// Bytes that there will be on the device for a stream, the old and the new of a part that grows included.
+    pub fn bytes_for(&self, stream: &[u8]) -> u64 {
+        let elements = stream.len() / self.element_bytes;
         let old = self.parts.last().map_or(0, Buffer::size);
         let (whole, rest) = (elements / self.part_elements, elements % self.part_elements);
         let rest = if rest > 0 { rest.next_power_of_two().max(self.least_elements()) } else { 0 };
@@ -149,8 +160,9 @@ impl Mirror {
         if needed as u64 > self.bytes() { needed as u64 + old } else { self.bytes() }
     }
 
-    /// Makes room for so many elements; true if parts are other buffers than before.
-    pub fn make_room(&mut self, gpu: &Gpu, elements: usize) -> Result<bool, GpuError> {
+    /// Makes room for a stream; true if parts are other buffers than before.
+    pub fn make_room(&mut self, gpu: &Gpu, stream: &[u8]) -> Result<bool, GpuError> {
+        let elements = stream.len() / self.element_bytes;
         if elements > self.most_elements() {
             let (most, name) = (self.most_elements(), self.name);
             let problem =

@@ -5,12 +5,14 @@
 //! | `device` | finds a driver, and asks what it allows |
 //! | `mirror` | copies of streams on the device: sends what has changed |
 //! | `scene` | a front on the device, and how it is drawn |
+//! | `textures` | the textures of materials on the device |
 //! | `off_screen` | pictures without a window |
 
 mod device;
 mod mirror;
 mod off_screen;
 mod scene;
+mod textures;
 
 pub use device::{Drivers, Gpu, GpuError};
 pub use mirror::Upload;

@@ -13,7 +13,7 @@ use std::num::NonZeroU64;
 use bytemuck::{Pod, Zeroable, cast_slice};
 use glam::{DVec3, Vec3};
 use metanode::model::Model;
-use navigator::Navigator;
+use navigator::{DrawnWedge, Navigator};
 use wgpu::{
     BindGroup, BindGroupLayout, BindingType, Buffer, BufferUsages, CommandEncoder, RenderPass, RenderPipeline,
     ShaderStages, TextureFormat, TextureView,
@@ -21,8 +21,10 @@ use wgpu::{
 
 use super::device::{BUFFERS_PER_PART, Gpu, GpuError, OTHER_BUFFERS};
 use super::mirror::{BLOCK_BYTES, Courier, Mirror, Upload, buffer};
+use super::textures::Textures;
 use crate::boxes::{LineEnd, box_lines};
 use crate::levels::{BLOCK, LEVELS, Levels, colour};
+use crate::looks::{Look, Looks};
 use crate::picture::BACKGROUND;
 use crate::projection::Projection;
 use crate::style::Style;
@@ -34,7 +36,7 @@ const MOST_VIEWS: usize = 4;
 /// Bytes from one view to the next: any device's alignment.
 const VIEW_STRIDE: u64 = 256;
 /// Most parts that vertices are divided into.
-const MOST_PARTS: usize = 8;
+const MOST_PARTS: usize = 4;
 /// Ranges of a stream with at most so many elements between them are sent as one.
 const GAP: u32 = 8;
 /// Vertices for each triangle that GPU memory is planned for. (Closed surfaces have half of that.)
@@ -43,6 +45,7 @@ const VERTICES_PER_TRIANGLE: f64 = 1.0;
 const VERTEX_BYTES: usize = 16;
 const MORPH_BYTES: usize = 16;
 const TRIANGLE_BYTES: usize = 12;
+const WEDGE_BYTES: usize = size_of::<DrawnWedge>();
 
 /// How a front lies on the device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -87,12 +90,17 @@ pub struct Scene {
     courier: Courier,
     vertices: Mirror,
     morphs: Mirror,
+    wedges: Mirror,
     triangles: Mirror,
+    corners: Mirror,
     level_mirror: Mirror,
     levels: Levels,
     lines: Option<(Buffer, u32)>,
     views: Buffer,
     has_morphs: bool,
+    /// What corners carry, as the shader has it.
+    carried: u32,
+    fixed_bytes: u64,
     view_group: BindGroup,
     triangle_layout: BindGroupLayout,
     triangle_groups: Vec<BindGroup>,
@@ -104,15 +112,17 @@ pub struct Scene {
 
 impl Scene {
     /// The scene of a model, with nothing in it yet.
-    pub fn new(gpu: &Gpu, model: &Model, options: SceneOptions) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, model: &Model, looks: &Looks, options: SceneOptions) -> Result<Self, GpuError> {
         let most_bytes = options.most_buffer_bytes.unwrap_or(u64::MAX).min(gpu.most_buffer_bytes());
         let for_parts = gpu.device.limits().max_storage_buffers_per_shader_stage - OTHER_BUFFERS;
         let parts = ((for_parts / BUFFERS_PER_PART) as usize).min(MOST_PARTS);
         // As many vertices in a part of each of their streams.
-        let vertices = Mirror::new(gpu, "vertices", VERTEX_BYTES, most_bytes, parts);
-        let part_bytes = |element_bytes: u64| element_bytes << vertices.part_shift();
-        let morphs = Mirror::new(gpu, "morphs", MORPH_BYTES, part_bytes(MORPH_BYTES as u64), parts);
+        let wedges = Mirror::new(gpu, "wedges", WEDGE_BYTES, most_bytes, parts);
+        let part_bytes = |element_bytes: usize| (element_bytes as u64) << wedges.part_shift();
+        let vertices = Mirror::new(gpu, "vertices", VERTEX_BYTES, part_bytes(VERTEX_BYTES), parts);
+        let morphs = Mirror::new(gpu, "morphs", MORPH_BYTES, part_bytes(MORPH_BYTES), parts);
         let triangles = Mirror::new(gpu, "triangles", TRIANGLE_BYTES, most_bytes, usize::MAX);
+        let corners = Mirror::new(gpu, "corners", TRIANGLE_BYTES, most_bytes, usize::MAX);
         let level_mirror = Mirror::new(gpu, "levels", BLOCK, most_bytes, 1);
 
         let views =
@@ -125,6 +135,8 @@ impl Scene {
         let level_colours =
             buffer(gpu, "level colours", (LEVELS * 16) as u64, BufferUsages::UNIFORM | BufferUsages::COPY_DST);
         gpu.queue.write_buffer(&level_colours, 0, cast_slice(&colours));
+        let materials = materials(gpu, looks);
+        let textures = Textures::new(gpu, looks);
 
         let uniform = |binding: u32, has_offset: bool, bytes: u64| wgpu::BindGroupLayoutEntry {
             binding,
@@ -146,14 +158,29 @@ impl Scene {
             },
             count: None,
         };
+        let textured = |binding: u32, ty: BindingType| wgpu::BindGroupLayoutEntry {
+            binding,
+            visibility: ShaderStages::FRAGMENT,
+            ty,
+            count: None,
+        };
         let layout = |label: &str, entries: &[wgpu::BindGroupLayoutEntry]| {
             let descriptor = wgpu::BindGroupLayoutDescriptor { label: Some(label), entries };
             gpu.device.create_bind_group_layout(&descriptor)
         };
         let view_bytes = size_of::<View>() as u64;
-        let view_layout = layout("view", &[uniform(0, true, view_bytes), uniform(1, false, (LEVELS * 16) as u64)]);
-        let triangle_layout = layout("triangles", &[storage(0)]);
-        let entries: Vec<_> = (0..1 + 2 * parts as u32).map(storage).collect();
+        let view_layout = layout(
+            "view",
+            &[
+                uniform(0, true, view_bytes),
+                uniform(1, false, (LEVELS * 16) as u64),
+                textured(2, Textures::BINDING),
+                textured(3, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+                storage(4),
+            ],
+        );
+        let triangle_layout = layout("triangles", &[storage(0), storage(1)]);
+        let entries: Vec<_> = (0..1 + BUFFERS_PER_PART * parts as u32).map(storage).collect();
         let vertex_layout = layout("vertices", &entries);
         let one_view = wgpu::BufferBinding { buffer: &views, offset: 0, size: NonZeroU64::new(view_bytes) };
         let view_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
@@ -162,6 +189,9 @@ impl Scene {
             entries: &[
                 wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::Buffer(one_view) },
                 wgpu::BindGroupEntry { binding: 1, resource: level_colours.as_entire_binding() },
+                wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::TextureView(textures.view()) },
+                wgpu::BindGroupEntry { binding: 3, resource: wgpu::BindingResource::Sampler(textures.sampler()) },
+                wgpu::BindGroupEntry { binding: 4, resource: materials.as_entire_binding() },
             ],
         });
 
@@ -218,28 +248,32 @@ impl Scene {
         let line_pipeline =
             pipeline(&of_lines, ["line_end", "line"], &[Some(line_ends)], wgpu::PrimitiveTopology::LineList);
 
-        let vertex_group = vertex_group(gpu, &vertex_layout, parts, [&level_mirror, &vertices, &morphs]);
-        let mut scene = Scene {
+        let vertex_group = vertex_group(gpu, &vertex_layout, parts, &level_mirror, [&vertices, &morphs, &wedges]);
+        let triangle_groups = triangle_groups(gpu, &triangle_layout, &triangles, &corners);
+        let scene = Scene {
             options,
             diagonal: model.header().diagonal(),
             courier: Courier::new(gpu),
             vertices,
             morphs,
+            wedges,
             triangles,
+            corners,
             level_mirror,
             levels: Levels::default(),
             lines: None,
+            fixed_bytes: views.size() + materials.size() + textures.bytes() + BLOCK_BYTES as u64,
             views,
             has_morphs: false,
+            carried: 0,
             view_group,
             triangle_layout,
-            triangle_groups: Vec::new(),
+            triangle_groups,
             vertex_layout,
             vertex_group,
             surfaces,
             line_pipeline,
         };
-        scene.bind_triangles(gpu);
         gpu.check()?;
         if scene.bytes() > options.memory {
             let (allowed, needed) = (options.memory, scene.bytes());
@@ -248,75 +282,76 @@ impl Scene {
         Ok(scene)
     }
 
-    fn bind_triangles(&mut self, gpu: &Gpu) {
-        let group = |part: &Buffer| {
-            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some("triangles"),
-                layout: &self.triangle_layout,
-                entries: &[wgpu::BindGroupEntry { binding: 0, resource: part.as_entire_binding() }],
-            })
-        };
-        self.triangle_groups = self.triangles.parts().iter().map(group).collect();
-    }
-
     /// Bytes on the device.
     pub fn bytes(&self) -> u64 {
-        let streams = [&self.vertices, &self.morphs, &self.triangles, &self.level_mirror].map(Mirror::bytes);
         let lines = self.lines.as_ref().map_or(0, |(lines, _)| lines.size());
-        streams.iter().sum::<u64>() + lines + self.views.size() + BLOCK_BYTES as u64
+        self.mirrors().map(Mirror::bytes).iter().sum::<u64>() + lines + self.fixed_bytes
+    }
+
+    fn mirrors(&self) -> [&Mirror; 6] {
+        [&self.vertices, &self.morphs, &self.wedges, &self.triangles, &self.corners, &self.level_mirror]
     }
 
     /// The most triangles for which the memory allowed will do whatever the front is like.
     pub fn most_triangles(&self) -> u64 {
         // Buffers grow by doubling: at worst the new one is twice what is needed, beside the old one.
-        let vertex_bytes = (VERTEX_BYTES + MORPH_BYTES + 1) as f64 * VERTICES_PER_TRIANGLE;
-        let triangle_bytes = 3.0 * (TRIANGLE_BYTES as f64 + vertex_bytes);
-        let by_memory = (self.options.memory.saturating_sub(BLOCK_BYTES as u64) as f64 / triangle_bytes) as u64;
+        let vertex_bytes = (VERTEX_BYTES + MORPH_BYTES + WEDGE_BYTES + 1) as f64 * VERTICES_PER_TRIANGLE;
+        let triangle_bytes = 3.0 * (2.0 * TRIANGLE_BYTES as f64 + vertex_bytes);
+        let by_memory = (self.options.memory.saturating_sub(self.fixed_bytes) as f64 / triangle_bytes) as u64;
         by_memory.min((self.vertices.most_elements() as f64 / VERTICES_PER_TRIANGLE) as u64)
     }
 
     /// Brings the copies up to date with a navigator of the scene's model, and has it forget its changes.
     pub fn update(&mut self, gpu: &Gpu, navigator: &mut Navigator, style: Style) -> Result<Upload, GpuError> {
-        let (vertices, morphs) = (navigator.vertex_stream(), navigator.morph_stream());
-        let triangles = navigator.triangle_stream();
-        self.has_morphs = !morphs.is_empty();
         if style.levels {
             self.levels.update(navigator);
         }
-        let level_blocks = if style.levels { self.levels.of_vertices().len() / BLOCK } else { 0 };
+        let levels = if style.levels { self.levels.of_vertices() } else { &[] };
         let lines = if style.boxes { box_lines(navigator) } else { Vec::new() };
         let line_bytes = size_of_val(lines.as_slice()) as u64;
-
-        let needed = self.vertices.bytes_for(vertices.len())
-            + self.morphs.bytes_for(morphs.len())
-            + self.triangles.bytes_for(triangles.len())
-            + self.level_mirror.bytes_for(level_blocks)
-            + line_bytes.next_power_of_two()
-            + self.views.size()
-            + BLOCK_BYTES as u64;
+        let (wedges, corners) = (navigator.wedge_stream(), navigator.corner_stream());
+        self.has_morphs = !navigator.morph_stream().is_empty();
+        self.carried = if wedges.is_empty() { 0 } else { 1 + u32::from(!corners.is_empty()) };
+        let streams: [&[u8]; 6] = [
+            cast_slice(navigator.vertex_stream()),
+            cast_slice(navigator.morph_stream()),
+            cast_slice(wedges),
+            cast_slice(navigator.triangle_stream()),
+            cast_slice(corners),
+            levels,
+        ];
+        let of_streams =
+            self.mirrors().iter().zip(streams).map(|(mirror, stream)| mirror.bytes_for(stream)).sum::<u64>();
+        let needed = of_streams + line_bytes.next_power_of_two() + self.fixed_bytes;
         if needed > self.options.memory {
             return Err(GpuError::Memory { allowed: self.options.memory, needed, what: "the triangles of this view" });
         }
-        if self.triangles.make_room(gpu, triangles.len())? {
-            self.bind_triangles(gpu);
-        }
-        let is_new = [
-            self.vertices.make_room(gpu, vertices.len())?,
-            self.morphs.make_room(gpu, morphs.len())?,
-            self.level_mirror.make_room(gpu, level_blocks)?,
+        let mirrors = [
+            &mut self.vertices,
+            &mut self.morphs,
+            &mut self.wedges,
+            &mut self.triangles,
+            &mut self.corners,
+            &mut self.level_mirror,
         ];
-        if is_new.contains(&true) {
-            let mirrors = [&self.level_mirror, &self.vertices, &self.morphs];
-            let parts = self.most_parts();
-            self.vertex_group = vertex_group(gpu, &self.vertex_layout, parts, mirrors);
+        let mut is_new = false;
+        for (mirror, stream) in mirrors.into_iter().zip(streams) {
+            is_new |= mirror.make_room(gpu, stream)?;
+        }
+        if is_new {
+            self.triangle_groups = triangle_groups(gpu, &self.triangle_layout, &self.triangles, &self.corners);
+            let parts = self.vertices.most_parts();
+            let mirrors = [&self.vertices, &self.morphs, &self.wedges];
+            self.vertex_group = vertex_group(gpu, &self.vertex_layout, parts, &self.level_mirror, mirrors);
         }
         let courier = &mut self.courier;
-        self.vertices.update(gpu, courier, cast_slice(vertices), navigator.changed_vertices(GAP));
-        self.morphs.update(gpu, courier, cast_slice(morphs), navigator.changed_morphs(GAP));
-        self.triangles.update(gpu, courier, cast_slice(triangles), navigator.changed_triangles(GAP));
-        if style.levels {
-            self.level_mirror.update(gpu, courier, self.levels.of_vertices(), self.levels.changed());
-        }
+        let [vertices, morphs, wedges, triangles, corners, levels] = streams;
+        self.vertices.update(gpu, courier, vertices, navigator.changed_vertices(GAP));
+        self.morphs.update(gpu, courier, morphs, navigator.changed_morphs(GAP));
+        self.wedges.update(gpu, courier, wedges, navigator.changed_wedges(GAP));
+        self.triangles.update(gpu, courier, triangles, navigator.changed_triangles(GAP));
+        self.corners.update(gpu, courier, corners, navigator.changed_triangles(GAP));
+        self.level_mirror.update(gpu, courier, levels, self.levels.changed());
         if line_bytes == 0 {
             self.lines = None;
         } else {
@@ -334,10 +369,6 @@ impl Scene {
         navigator.forget_changes();
         gpu.check()?;
         Ok(upload)
-    }
-
-    fn most_parts(&self) -> usize {
-        self.vertices.most_elements() >> self.vertices.part_shift()
     }
 
     /// Draws what was last brought up to date: as each view sees it, into its part of a target of `size` points. At most four views.
@@ -417,22 +448,37 @@ impl Scene {
             up: with(up, 0.0),
             forward: with(forward, (projection.nearest() * over_diagonal) as f32),
             light: with(projection.headlight().as_vec3(), 0.0),
-            flags: [edges.into(), levels.into(), self.has_morphs.into(), 0],
+            flags: [edges.into(), levels.into(), self.has_morphs.into(), self.carried],
         }
     }
 }
 
-/// The bind group of levels and vertices; where a stream has fewer parts, its last one stands in for those that are not there.
+/// The bind groups of triangles, with what their corners carry: one for each part.
+fn triangle_groups(gpu: &Gpu, layout: &BindGroupLayout, triangles: &Mirror, corners: &Mirror) -> Vec<BindGroup> {
+    let group = |(part, triangles): (usize, &Buffer)| {
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("triangles"),
+            layout,
+            entries: &[
+                wgpu::BindGroupEntry { binding: 0, resource: triangles.as_entire_binding() },
+                wgpu::BindGroupEntry { binding: 1, resource: corners.part_or_last(part).as_entire_binding() },
+            ],
+        })
+    };
+    triangles.parts().iter().enumerate().map(group).collect()
+}
+
+/// The bind group of levels and vertices.
 fn vertex_group(
     gpu: &Gpu,
     layout: &BindGroupLayout,
     parts: usize,
-    [levels, vertices, morphs]: [&Mirror; 3],
+    levels: &Mirror,
+    streams: [&Mirror; 3],
 ) -> BindGroup {
-    let of = |mirror: &'_ Mirror, part: usize| mirror.parts()[part.min(mirror.parts().len() - 1)].clone();
-    let mut buffers = vec![of(levels, 0)];
+    let mut buffers = vec![levels.part_or_last(0)];
     for part in 0..parts {
-        buffers.extend([of(vertices, part), of(morphs, part)]);
+        buffers.extend(streams.map(|stream| stream.part_or_last(part)));
     }
     let entries: Vec<_> = (0..)
         .zip(&buffers)
@@ -441,23 +487,47 @@ fn vertex_group(
     gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("vertices"), layout, entries: &entries })
 }
 
-/// What the shader says of the parts that vertices are divided into.
+/// The colours of materials and the numbers of their textures, as the shader has them.
+fn materials(gpu: &Gpu, looks: &Looks) -> Buffer {
+    let mut materials: Vec<[f32; 4]> = Vec::with_capacity(looks.materials().len().max(1));
+    for Look { colour: [red, green, blue], texture } in looks.materials() {
+        materials.push([*red, *green, *blue, *texture as f32]);
+    }
+    if materials.is_empty() {
+        materials.push([1.0, 1.0, 1.0, 0.0]);
+    }
+    let bytes: &[u8] = cast_slice(&materials);
+    let materials = buffer(gpu, "materials", bytes.len() as u64, BufferUsages::STORAGE | BufferUsages::COPY_DST);
+    gpu.queue.write_buffer(&materials, 0, bytes);
+    materials
+}
+
+/// What the shader says of the parts that vertices and wedges are divided into.
 fn parts_of_shader(parts: usize, shift: u32) -> String {
+    let streams = [
+        ("vertex", "vec4<u32>", "vec4<u32>", "#[place]"),
+        ("morph", "vec4<u32>", "vec4<u32>", "#[place]"),
+        (
+            "wedge",
+            "u32",
+            "Wedge",
+            "Wedge(#[5 * place], vec2<u32>(#[5 * place + 1], #[5 * place + 2]), #[5 * place + 3], #[5 * place + 4])",
+        ),
+    ];
     let mut text = String::new();
-    for (stream, name) in ["vertex", "morph"].into_iter().enumerate() {
+    for (stream, (name, stored, fetched, fetch)) in streams.into_iter().enumerate() {
         for part in 0..parts {
-            let binding = 1 + 2 * part + stream;
-            text += &format!("@group(2) @binding({binding}) var<storage, read> {name}_{part}: array<vec4<u32>>;\n");
+            let binding = 1 + streams.len() * part + stream;
+            text += &format!("@group(2) @binding({binding}) var<storage, read> {name}_{part}: array<{stored}>;\n");
         }
-        text += &format!(
-            "fn {name}_at(number: u32) -> vec4<u32> {{\n    let place = number & {}u;\n",
-            (1_u64 << shift) - 1
-        );
+        let mask = (1_u64 << shift) - 1;
+        text += &format!("fn {name}_at(number: u32) -> {fetched} {{\n    let place = number & {mask}u;\n");
         text += &format!("    switch number >> {shift}u {{\n");
-        for part in 1..parts {
-            text += &format!("        case {part}u: {{ return {name}_{part}[place]; }}\n");
+        for part in (0..parts).rev() {
+            let case = if part == 0 { "default:".to_owned() } else { format!("case {part}u:") };
+            text += &format!("        {case} {{ return {}; }}\n", fetch.replace('#', &format!("{name}_{part}")));
         }
-        text += &format!("        default: {{ return {name}_0[place]; }}\n    }}\n}}\n");
+        text += "    }\n}\n";
     }
     text
 }

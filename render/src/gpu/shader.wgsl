@@ -12,7 +12,7 @@ struct View {
     forward: vec4<f32>,
     // To the light.
     light: vec4<f32>,
-    // What is to be seen: edges, levels, morphs.
+    // What is to be seen: edges, levels, morphs; and what corners carry: 1 wedges, 2 each its own.
     flags: vec4<u32>,
 }
 
@@ -21,16 +21,24 @@ struct Seen {
     @location(0) normal: vec3<f32>,
     @location(1) surface: vec3<f32>,
     @location(2) shares: vec3<f32>,
+    @location(3) texture: vec2<f32>,
+    // Counted from 1; 0: none.
+    @location(4) @interpolate(flat) layer: u32,
 }
 
 const AMBIENT = 0.12;
-const SURFACE = vec3<f32>(0.76, 0.74, 0.70);
+const PLAIN = vec3<f32>(0.76, 0.74, 0.70);
 const EDGE = vec3<f32>(0.02, 0.05, 0.12);
 const EDGE_WIDTH = 0.6;
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<uniform> level_colours: array<vec4<f32>, 64>;
+@group(0) @binding(2) var textures: texture_2d_array<f32>;
+@group(0) @binding(3) var texture_sampler: sampler;
+// Colours of materials; w: the texture, counted from 1; 0: none. The first is that of a surface without a material.
+@group(0) @binding(4) var<storage, read> materials: array<vec4<f32>>;
 @group(1) @binding(0) var<storage, read> triangles: array<u32>;
+@group(1) @binding(1) var<storage, read> corners: array<u32>;
 @group(2) @binding(0) var<storage, read> levels: array<u32>;
 //PARTS//
 
@@ -40,6 +48,19 @@ fn normal_of(word: u32) -> vec3<f32> {
     let z = 511.0 - abs(square.x) - abs(square.y);
     let folded = (511.0 - abs(square.yx)) * select(vec2<f32>(1.0), vec2<f32>(-1.0), square < vec2<f32>(0.0));
     return normalize(vec3<f32>(select(square, folded, z < 0.0), z));
+}
+
+struct Wedge {
+    colour: u32,
+    texture: vec2<u32>,
+    material: u32,
+    normal: u32,
+}
+
+// The part of the light that is stored so.
+fn light_of(stored: vec3<f32>) -> vec3<f32> {
+    let curved = pow((stored + 0.055) / 1.055, vec3<f32>(2.4));
+    return select(curved, stored / 12.92, stored <= vec3<f32>(0.04045));
 }
 
 fn place_of(to_place: vec3<f32>) -> vec4<f32> {
@@ -60,9 +81,26 @@ fn corner(@builtin(vertex_index) index: u32) -> Seen {
     var seen: Seen;
     seen.place = place_of((position - view.eye.xyz) - view.eye_rest.xyz);
     seen.normal = normal_of(vertex.w);
-    seen.surface = SURFACE;
+    seen.surface = PLAIN;
+    seen.texture = vec2<f32>(0.0);
+    seen.layer = 0u;
+    if view.flags.w != 0u {
+        var wedge = number;
+        if view.flags.w == 2u {
+            wedge = corners[index];
+        }
+        let words = wedge_at(wedge);
+        let look = materials[min(words.material, arrayLength(&materials) - 1u)];
+        seen.normal = normal_of(words.normal);
+        seen.surface = light_of(unpack4x8unorm(words.colour).xyz) * look.xyz;
+        seen.texture = bitcast<vec2<f32>>(words.texture);
+        seen.layer = u32(look.w);
+    }
     if view.flags.y != 0u {
         seen.surface = level_colours[levels[number >> 2u] >> (8u * (number & 3u)) & 63u].xyz;
+    }
+    if view.flags.y != 0u {
+        seen.layer = 0u;
     }
     seen.shares = vec3<f32>(0.0);
     seen.shares[index % 3u] = 1.0;
@@ -77,7 +115,10 @@ fn stored(light: vec3<f32>) -> vec3<f32> {
 
 @fragment
 fn surface(seen: Seen, @builtin(front_facing) is_outer_side: bool) -> @location(0) vec4<f32> {
-    var part = seen.surface;
+    // The first row is at the top, where v is 1.
+    let place = vec2<f32>(seen.texture.x, 1.0 - seen.texture.y);
+    let image = textureSample(textures, texture_sampler, place, max(seen.layer, 1u) - 1u).xyz;
+    var part = select(seen.surface, seen.surface * image, seen.layer > 0u);
     if view.flags.x != 0u {
         let steps = vec3<f32>(
             length(vec2<f32>(dpdx(seen.shares.x), dpdy(seen.shares.x))),

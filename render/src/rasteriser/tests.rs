@@ -20,7 +20,7 @@ fn vertex(position: Vec3) -> [f32; 4] {
 fn drawn(width: u32, height: u32, positions: &[Vec3], triangles: &[[u32; 3]]) -> Picture {
     let vertices: Vec<_> = positions.iter().map(|position| vertex(*position)).collect();
     let mut picture = Picture::new(width, height);
-    let buffers = Buffers { vertices: &vertices, morphs: &[], triangles, levels: &[] };
+    let buffers = Buffers { vertices: &vertices, triangles, ..Buffers::default() };
     draw(&mut picture, &projection(width, height), buffers, false);
     picture
 }
@@ -122,7 +122,7 @@ fn vertices_on_their_way_are_drawn_there() {
     let morphs = [[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0], [2.0, 0.0, -0.5, 0.0]];
     let points = |morphs: &[[f32; 4]]| {
         let mut picture = Picture::new(64, 64);
-        let buffers = Buffers { vertices: &vertices, morphs, triangles: &[[0, 1, 2]], levels: &[] };
+        let buffers = Buffers { vertices: &vertices, morphs, triangles: &[[0, 1, 2]], ..Buffers::default() };
         draw(&mut picture, &projection(64, 64), buffers, false);
         points_drawn(&picture)
     };
@@ -134,7 +134,7 @@ fn sides_are_seen_where_that_is_asked_for() {
     let vertices = [Vec3::new(2.0, 1.0, -1.0), Vec3::new(2.0, -1.0, -1.0), Vec3::new(2.0, 0.0, 1.0)].map(vertex);
     let colours = |edges: bool| {
         let mut picture = Picture::new(64, 64);
-        let buffers = Buffers { vertices: &vertices, morphs: &[], triangles: &[[0, 1, 2]], levels: &[] };
+        let buffers = Buffers { vertices: &vertices, triangles: &[[0, 1, 2]], ..Buffers::default() };
         draw(&mut picture, &projection(64, 64), buffers, edges);
         let mut colours = picture.colours().to_vec();
         picture.clear();
