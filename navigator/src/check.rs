@@ -260,6 +260,10 @@ fn check_corners(navigator: &Navigator, seams: &Seams) -> Result<(), String> {
             }
         }
     }
+    let mut places = front.corners().iter().zip(seams.corners());
+    if places.any(|([first, second, _], slots)| first == second && *slots != [0; 3]) {
+        return Err("a corner of no triangle has a wedge".into());
+    }
     if seams.corners().len() != front.corners().len() {
         return Err(format!(
             "{} places of triangles, {} of their wedges",

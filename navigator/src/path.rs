@@ -184,7 +184,8 @@ impl Bounds {
 /// A camera that sees all of a model, from the front, above and a little aside, in a picture of `width` × `height` pixels.
 pub fn overview(model: &Model, width: u32, height: u32) -> Camera {
     let (bounds, header) = (Bounds::of(model), model.header());
-    let camera = Camera::looking_at(bounds.center + OVERVIEW_FROM, bounds.center, FIELD_OF_VIEW);
+    // The direction alone: added to coordinates that are very large, it would be lost.
+    let camera = Camera::looking_at(OVERVIEW_FROM, DVec3::ZERO, FIELD_OF_VIEW);
     let tall = camera.half_height() * OVERVIEW_PART;
     let wide = tall * f64::from(width) / f64::from(height.max(1));
     let extent = |corner: [f32; 3]| DVec3::from_array(header.origin) + DVec3::from_array(corner.map(f64::from));
@@ -199,7 +200,7 @@ pub fn overview(model: &Model, width: u32, height: u32) -> Camera {
         .iter()
         .flat_map(|frame| corners.clone().map(|corner| distance(corner, frame.forward, frame.right, frame.up)));
     let farthest = distances.fold(OVERVIEW_NEAREST * bounds.diagonal, f64::max);
-    Camera { eye: bounds.center + OVERVIEW_FROM.normalize() * farthest, ..camera }
+    Camera { eye: bounds.center + OVERVIEW_FROM.normalize() * farthest, target: bounds.center, ..camera }
 }
 
 fn orbit(bounds: &Bounds, frames: u32) -> Vec<Camera> {
@@ -445,6 +446,27 @@ mod tests {
             assert!(pair[0].eye.distance(pair[1].eye) < bounds.diagonal * 0.2);
         }
         assert_eq!(cameras, PathSpec::Flyby { frames: 200 }.cameras(&disk, &model).unwrap());
+    }
+
+    /// The overview of a mesh with coordinates of 10^17 once looked in no direction at all: it took that from a point one unit away.
+    #[test]
+    fn an_overview_does_not_depend_on_the_size_of_the_model() {
+        let direction = |scale: f32| {
+            let mut mesh = testing::Mesh::grid(6, 6, 1);
+            mesh.positions
+                .iter_mut()
+                .for_each(|position| *position = *position * scale + glam::Vec3::splat(5.0 * scale));
+            let model = testing::model_of(&mesh.into_tree(1, 3));
+            let camera = overview(&model, 640, 480);
+            let frame = camera.frame().unwrap();
+            assert!(camera.eye.distance(Bounds::of(&model).center) > Bounds::of(&model).diagonal / 2.0);
+            frame.forward
+        };
+        let usual = direction(1.0);
+        assert!(usual.distance(-OVERVIEW_FROM.normalize()) < 1e-6);
+        for scale in [1e-6, 1e17, 1e24] {
+            assert!(direction(scale).distance(usual) < 1e-3, "{scale}");
+        }
     }
 
     #[test]

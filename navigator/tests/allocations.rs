@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
+use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -50,13 +51,37 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-const FILE: &str = "terrain.vdt";
+/// Squares on a side of a surface.
+const SIDE: usize = 142;
+const FILE: &str = "model.vdt";
 
 /// A terrain, built in memory.
-fn disk() -> MemoryDisk {
+fn terrain() -> MemoryDisk {
     let disk = MemoryDisk::new();
     let what = GenerateOptions { shape: Shape::Terrain, triangles: 40_000, seed: 1 };
     generate(Arc::new(disk.clone()), Path::new("terrain.ply"), &what, &mut |_| ()).unwrap();
+    built(&disk, "terrain.ply")
+}
+
+/// A bumpy surface with as many triangles, in squares so wide of several materials and textures, with seams between them.
+fn patches(width: usize) -> MemoryDisk {
+    let mut text = String::new();
+    for (y, x) in (0..=SIDE).flat_map(|y| (0..=SIDE).map(move |x| (y, x))) {
+        let height = (x as f64 * 0.2).sin() * (y as f64 * 0.13).cos() * 3.0 + (x * 7 + y * 3) as f64 % 5.0 * 0.1;
+        writeln!(text, "v {x} {y} {height}\nvt {} {}", (x % width) as f64 / 16.0, (y % width) as f64 / 16.0).unwrap();
+    }
+    for (y, x) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (y, x))) {
+        let corner = |x: usize, y: usize| format!("{0}/{0}", y * (SIDE + 1) + x + 1);
+        let [a, b, c, d] = [corner(x, y), corner(x + 1, y), corner(x + 1, y + 1), corner(x, y + 1)];
+        writeln!(text, "usemtl m{}\nf {a} {b} {c}\nf {a} {c} {d}", (x / width + y / width) % 3).unwrap();
+    }
+    let disk = MemoryDisk::new();
+    disk.insert("patches.obj", text);
+    built(&disk, "patches.obj")
+}
+
+/// The model of a mesh, alone.
+fn built(disk: &MemoryDisk, mesh: &str) -> MemoryDisk {
     let options = BuildOptions {
         memory: ByteSize(256 << 20),
         threads: 1,
@@ -68,7 +93,7 @@ fn disk() -> MemoryDisk {
         attributes: true,
     };
     let scratch = Scratch::in_memory();
-    let (tree, report) = build(&disk, &["terrain.ply".into()], &options, &scratch, None, &mut |_| ()).unwrap();
+    let (tree, report) = build(disk, &[mesh.into()], &options, &scratch, None, &mut |_| ()).unwrap();
     let BuildOptions { metric, strategy, error_bound, .. } = options;
     let (input_error, positions) = (report.input_error, report.positions);
     let blocking = Blocking::default();
@@ -90,16 +115,22 @@ fn bytes() -> usize {
 fn nothing_grows_after_the_start() {
     const WARM_UP: u32 = 600;
     const FRAMES: u32 = 2000;
-    let disk = disk();
-    for (dependency, geomorph, memory) in [
-        (Dependency::Implicit, 0, 5 << 19),
-        (Dependency::None, 15, 5 << 19),
-        (Dependency::Flip, 0, 5 << 19),
-        (Dependency::Implicit, 15, 64 << 20),
+    let (terrain, plain, patches) = (terrain(), patches(SIDE + 1), patches(15));
+    // With whether there are seams.
+    let (terrain, plain, patches) = ((&terrain, None), (&plain, Some(false)), (&patches, Some(true)));
+    for ((disk, has_seams), dependency, geomorph, memory) in [
+        (terrain, Dependency::Implicit, 0, 5 << 19),
+        (terrain, Dependency::None, 15, 5 << 19),
+        (terrain, Dependency::Flip, 0, 5 << 19),
+        (terrain, Dependency::Implicit, 15, 64 << 20),
+        (plain, Dependency::Implicit, 15, 5 << 19),
+        (patches, Dependency::Implicit, 0, 5 << 19),
+        (patches, Dependency::None, 15, 64 << 20),
     ] {
         let before = bytes();
-        let model = Arc::new(Model::open(&disk, Path::new(FILE)).unwrap());
-        let options = NavigatorOptions { memory, dependency, geomorph, io: Io::Sync, ..NavigatorOptions::default() };
+        let model = Arc::new(Model::open(disk, Path::new(FILE)).unwrap());
+        let (io, attributes) = (Io::Sync, true);
+        let options = NavigatorOptions { memory, dependency, geomorph, attributes, io, ..NavigatorOptions::default() };
         let mut navigator = Navigator::open(model.clone(), options).unwrap();
         let opened = bytes();
         let mut walk = RandomWalk::new(&model, 5).unwrap();
@@ -130,8 +161,13 @@ fn nothing_grows_after_the_start() {
             opened - before,
         );
         println!("{said}");
+        let layout = model.appearance().map(|appearance| appearance.layout);
+        assert_eq!(layout.map(|layout| layout.has_seams), has_seams);
+        assert_eq!(navigator.wedge_stream().is_empty(), has_seams.is_none());
+        assert_eq!(navigator.corner_stream().is_empty(), has_seams != Some(true));
         assert_eq!(other_calls, 0, "{said}");
-        assert!(calls_for_reads as u64 <= 6 * reads, "{said}");
+        let most_calls = if has_seams == Some(true) { 12 } else { 6 };
+        assert!(calls_for_reads as u64 <= most_calls * reads, "{said}");
         // The buffers of who reads pages are as large as the largest page so far.
         assert!(most - least < 64 << 10, "{said}");
         // All is read at the start, or again and again.

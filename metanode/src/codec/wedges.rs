@@ -412,7 +412,7 @@ fn number(nodes: &Nodes, fields: &Fields, roots: &RootWedges, state: &mut State,
             sizes[place] = sum.ok_or(wrong(record, "it has more wedges than can be numbered"))?;
         }
     }
-    let mut known = Vec::new();
+    let (mut known, mut next) = (Vec::new(), Vec::<u32>::new());
     for record in 0..records {
         let index = (first + record) as u32;
         let node = &nodes.all[index as usize];
@@ -430,7 +430,7 @@ fn number(nodes: &Nodes, fields: &Fields, roots: &RootWedges, state: &mut State,
         }
         // The next number below each wedge of the leaf that stays.
         let [kept, born] = sides[record].map(|start| start as usize);
-        let mut next: Vec<u32> = Vec::with_capacity(count);
+        next.clear();
         for (placed, size) in state.kept(node, roots).iter().zip(&sizes[kept..]) {
             next.push(placed.number.checked_add(*size).ok_or(wrong(record, "its wedges cannot be numbered"))?);
         }
