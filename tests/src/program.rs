@@ -92,6 +92,8 @@ impl Workplace {
         command.arg0("vdt").args(arguments).current_dir(self.folder.path());
         // Were there a panic, it should be as loud as can be.
         command.env("RUST_BACKTRACE", "1");
+        // Graphics drivers complain where there is none.
+        command.env("XDG_RUNTIME_DIR", self.folder.path());
         command
     }
 

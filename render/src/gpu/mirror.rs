@@ -190,7 +190,8 @@ impl Mirror {
         }
     }
 
-    /// Brings it up to date with a stream for which there is room: its bytes, and which of its elements have changed.
+    /// Brings it up to date with a stream for which there is room: its bytes, and which of its elements have changed. What it is
+    /// longer by than before is sent in any case: the device may have there what was in it when it was as long before.
     pub fn update(
         &mut self,
         gpu: &Gpu,
@@ -198,16 +199,17 @@ impl Mirror {
         stream: &[u8],
         changed: impl Iterator<Item = Range<u32>>,
     ) {
-        self.length = stream.len() / self.element_bytes;
-        for range in changed {
-            let (mut from, end) = (range.start as usize, (range.end as usize).min(self.length));
-            while from < end {
-                let part = from / self.part_elements;
-                let to = end.min((part + 1) * self.part_elements);
-                let offset = (from - part * self.part_elements) * self.element_bytes;
-                let bytes = &stream[from * self.element_bytes..to * self.element_bytes];
+        let before = std::mem::replace(&mut self.length, stream.len() / self.element_bytes);
+        let known = before.min(self.length);
+        let changed = changed.map(|range| range.start as usize..(range.end as usize).min(known));
+        for mut range in changed.chain([known..self.length]) {
+            while range.start < range.end {
+                let part = range.start / self.part_elements;
+                let end = range.end.min((part + 1) * self.part_elements);
+                let offset = (range.start - part * self.part_elements) * self.element_bytes;
+                let bytes = &stream[range.start * self.element_bytes..end * self.element_bytes];
                 courier.take(gpu, bytes, &self.parts[part], offset as u64);
-                from = to;
+                range.start = end;
             }
         }
     }
