@@ -791,6 +791,10 @@ pub enum BenchCommand {
     Soak(SoakOptions),
     /// Implicit dependency, flip and none: triangles, how many are flipped, and frame times.
     Dependency(DependencyBenchOptions),
+    /// Pictures of what is drawn against those of the full mesh: surface, outline, holes and cracks.
+    Pictures(PicturesBenchOptions),
+    /// What a renderer has to upload with each frame of a walk, against the triangles that are new or gone.
+    Uploads(UploadsBenchOptions),
 }
 
 /// `vdt bench soak`
@@ -865,6 +869,75 @@ pub struct DependencyBenchOptions {
     /// Flipped triangles are counted in every so many-th frame.
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub every: u32,
+}
+
+/// `vdt bench pictures`
+#[derive(Debug, Args)]
+#[command(
+    after_long_help = "The cameras are: one that sees the whole model; half of the others on an orbit around it; the rest on a \
+                       flight low over it. For each, the front is drawn when it has settled, and so is the full mesh, by the \
+                       same software. Compared are: the places that the points show, with the nearest triangle of the other \
+                       mesh, in footprints (heights of a point at that depth); the outlines; the points in which the full mesh \
+                       is seen and the front is seen through; and, exactly, the sides that are open in one mesh and not in the \
+                       other.\n\n\
+                       Examples:\n  vdt bench pictures dragon.vdt terrain.vdt\n  \
+                       vdt bench pictures dragon.vdt --cameras 9 --pixels 0.5 --size 1280x720 --json\n  \
+                       vdt bench pictures dragon.vdt --cold --delay 100 --memory 16M"
+)]
+pub struct PicturesBenchOptions {
+    /// Models.
+    #[arg(required = true, value_name = "MODEL.vdt")]
+    pub models: Vec<PathBuf>,
+    /// Cameras for each model.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub cameras: u32,
+    /// What is asked of the pictures.
+    #[command(flatten)]
+    pub picture: PictureOptions,
+    /// RAM for the front, as for navigate. The full mesh takes about 100 bytes a triangle beside it.
+    #[arg(long, default_value = "1G")]
+    pub memory: ByteSize,
+    /// Look at the first, the 10th and the 100th frame after each start instead, 60 to the second, from a disk that is slow.
+    #[arg(long)]
+    pub cold: bool,
+    /// By how much each read is delayed then, in milliseconds.
+    #[arg(long, value_name = "MS", default_value_t = 50, requires = "cold",
+          value_parser = clap::value_parser!(u64).range(0..=60_000))]
+    pub delay: u64,
+}
+
+/// `vdt bench uploads`
+#[derive(Debug, Args)]
+#[command(
+    after_long_help = "A renderer keeps copies of two streams: 16 bytes for each vertex and 12 for each triangle. After each frame it \
+                       uploads the ranges that have changed; two with at most GAP unchanged elements between them as one. A \
+                       triangle is the same in two frames where its corners stand on the same leaves.\n\n\
+                       Examples:\n  vdt bench uploads dragon.vdt terrain.vdt\n  \
+                       vdt bench uploads dragon.vdt --path flyby:600 --gap 0,16 --json"
+)]
+pub struct UploadsBenchOptions {
+    /// Models.
+    #[arg(required = true, value_name = "MODEL.vdt")]
+    pub models: Vec<PathBuf>,
+    /// Frames of a random walk over the surface, 60 to the second. Where it jumps, the picture settles first, which is not counted.
+    #[arg(long, value_name = "FRAMES", default_value_t = 600, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub walk: u32,
+    /// Which walk.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// A camera path in place of the walk: orbit:FRAMES, flyby:FRAMES, or a file of cameras, as for navigate. The picture of its
+    /// first camera settles first.
+    #[arg(long, conflicts_with_all = ["walk", "seed"])]
+    pub path: Option<PathSpec>,
+    /// Most unchanged elements between two ranges that are uploaded as one.
+    #[arg(long, value_delimiter = ',', default_value = "0,4,16,64,256")]
+    pub gap: Vec<u32>,
+    /// What is asked of the pictures.
+    #[command(flatten)]
+    pub picture: PictureOptions,
+    /// RAM for the flight, as for navigate.
+    #[arg(long, default_value = "256M")]
+    pub memory: ByteSize,
 }
 
 /// `vdt bench decode`

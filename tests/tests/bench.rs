@@ -517,7 +517,7 @@ fn what_cannot_be_is_refused_before_anything_is_built() {
 #[test]
 fn the_examples_of_the_help_are_right() {
     let place = workplace!();
-    for bench in ["table1", "table2", "io", "error", "blocking"] {
+    for bench in ["table1", "table2", "io", "error", "blocking", "pictures", "uploads"] {
         let help = place.run(&format!("bench {bench} --help")).success();
         let examples: Vec<&str> = help.split_once("Examples:\n").unwrap().1.lines().collect();
         assert!(examples.len() >= 2);
@@ -529,7 +529,6 @@ fn the_examples_of_the_help_are_right() {
     }
 }
 
-/// A build has begun to make files. (Looks at no more than it must: the build removes files, too.)
 /// Each dependency on each model: what is drawn, and how much of it is flipped, for people and for programs.
 #[test]
 fn dependencies_side_by_side() {
@@ -568,6 +567,131 @@ fn dependencies_side_by_side() {
     assert!(text.lines().nth(2).unwrap().contains("flip"), "{text}");
 }
 
+/// A sheet with a border, a closed surface, and many parts with non-manifold edges.
+fn place_with_models() -> Workplace {
+    let place = workplace!();
+    for shape in ["terrain", "sphere", "city"] {
+        place.json(&format!("generate {shape} --triangles 20000 --seed 3 -o {shape}.ply"));
+        place.json(&format!("build {shape}.ply -o {shape}.vdt"));
+    }
+    place
+}
+
+/// What is drawn looks like the full mesh, and where it does not, that is said.
+#[test]
+fn pictures_against_the_full_mesh() {
+    let place = place_with_models();
+    let names = place.names();
+    let bench = "bench pictures terrain.vdt sphere.vdt --size 640x360";
+    let document = place.json(bench);
+    assert_eq!(place.names(), names);
+    assert_eq!(document["goals_met"], true, "{document}");
+    let rows = document["rows"].as_array().unwrap();
+    let viewpoints = ["overview", "orbit 1", "orbit 2", "flyby 1", "flyby 2"];
+    let expected = ["terrain.vdt", "sphere.vdt"].map(|model| viewpoints.map(|seen_from| (model, seen_from)));
+    let keys: Vec<_> =
+        rows.iter().map(|row| (row["model"].as_str().unwrap(), row["seen_from"].as_str().unwrap())).collect();
+    assert_eq!(keys, expected.as_flattened());
+    for row in rows {
+        assert_eq!((&row["settled"], &row["cold_frame"], whole(row, "misses")), (&true.into(), &Value::Null, 0));
+        assert!(whole(row, "triangles") < whole(row, "full_triangles") && float(row, "pixels_drawn") <= 1.0, "{row}");
+        let likeness = &row["likeness"];
+        for key in ["front_to_full", "full_to_front", "outline_to_full", "outline_to_front"] {
+            let share = &likeness[key];
+            assert!(whole(share, "good") <= whole(share, "points") && float(share, "percent") >= 99.9, "{row}");
+        }
+        assert!(whole(&likeness["front_to_full"], "points") > 1000, "{row}");
+        assert_eq!(["holes", "open_sides"].map(|key| whole(likeness, key)), [0; 2], "{row}");
+    }
+    // Eight points are too much to be taken for one.
+    let coarse = place.json(&format!("{bench} --pixels 8"));
+    assert_eq!(coarse["goals_met"], false);
+    assert!(float(&coarse["worst_percent"], "full_to_front") < 99.0, "{coarse}");
+    assert!(coarse["rows"].as_array().unwrap().iter().all(|row| row["likeness"]["open_sides"] == 0), "{coarse}");
+    // The bound is of the way from the full mesh to what is drawn; back, it is where the model was built so.
+    place.json("build city.ply -o streets.vdt --error-bound two-sided");
+    let streets = place.json("bench pictures city.vdt streets.vdt --size 640x360");
+    for row in streets["rows"].as_array().unwrap() {
+        let likeness = &row["likeness"];
+        assert_eq!(float(&likeness["full_to_front"], "percent"), 100.0, "{row}");
+        assert_eq!(["holes", "open_sides"].map(|key| whole(likeness, key)), [0; 2], "{row}");
+        let is_two_sided = row["model"] == "streets.vdt";
+        assert!(!is_two_sided || float(&likeness["front_to_full"], "percent") == 100.0, "{row}");
+    }
+
+    let text = place.run(&format!("{bench} --cameras 1")).success();
+    for heading in ["seen from", "near %", "outline %", "holes", "cracks", "open"] {
+        assert!(text.lines().next().unwrap().contains(heading), "no `{heading}` in {text}");
+    }
+    assert!(text.contains("Pictures of 640x360 points at 1 pixel(s), settled"), "{text}");
+    place.refuses(1, "bench pictures missing.vdt", &["missing.vdt", "No such file"]);
+    place.refuses(1, "bench pictures terrain.ply", &["terrain.ply"]);
+    place.refuses(2, "bench pictures", &["<MODEL.vdt>"]);
+    place.refuses(2, "bench pictures terrain.vdt --delay 5", &["--cold"]);
+    place.refuses(2, "bench pictures terrain.vdt --cameras 0", &["--cameras"]);
+}
+
+/// While pages are missing, what is drawn is coarser, but as closed as ever.
+#[test]
+fn pictures_of_a_cold_start() {
+    let place = place_with_models();
+    let bench = "bench pictures terrain.vdt city.vdt --size 640x360 --cameras 2 --cold --delay 200";
+    let document = place.json(bench);
+    assert_eq!((&document["goals_met"], whole(&document, "delay_ms")), (&true.into(), 200), "{document}");
+    let rows = document["rows"].as_array().unwrap();
+    let frames: Vec<_> = rows.iter().map(|row| whole(row, "cold_frame")).collect();
+    assert_eq!(frames, [1, 10, 100].repeat(4));
+    for row in rows {
+        let likeness = &row["likeness"];
+        assert_eq!(["holes", "cracks", "open_sides"].map(|key| whole(likeness, key)), [0; 3], "{row}");
+    }
+    for start in rows.chunks(3) {
+        assert!(whole(&start[0], "misses") > 0 && whole(&start[1], "misses") > 0, "{document}");
+        assert!(whole(&start[0], "triangles") < whole(&start[2], "triangles"), "{document}");
+    }
+    let text = place.run(bench).success();
+    assert!(text.contains("misses") && text.contains("each read takes 200 ms more"), "{text}");
+}
+
+/// What is uploaded with each frame, against what is different in the mesh.
+#[test]
+fn uploads_of_a_walk() {
+    let place = place_with_models();
+    let bench = "bench uploads terrain.vdt city.vdt --walk 200 --size 640x360 --gap 0,8,1000000";
+    let names = place.names();
+    let document = place.json(bench);
+    assert_eq!(place.names(), names);
+    let rows = document["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), 6);
+    for gaps in rows.chunks(3) {
+        let all = |key: &str| [0, 1, 2].map(|gap| whole(&gaps[gap], key));
+        let bytes = [0, 1, 2].map(|gap| whole(&gaps[gap], "vertex_bytes") + whole(&gaps[gap], "triangle_bytes"));
+        assert!(all("frames") == [200; 3] && all("triangles_new")[0] > 0, "{document}");
+        assert!(bytes[0] < bytes[1] && bytes[1] < bytes[2], "{document}");
+        let ranges = all("ranges");
+        assert!(ranges[0] > ranges[1] && ranges[1] > ranges[2] && ranges[2] <= 400, "{document}");
+        // All that is new has to be uploaded, and what is gone be crossed out.
+        let [row, ..] = gaps else { panic!("{document}") };
+        let different = whole(row, "triangles_new") + whole(row, "triangles_gone");
+        assert!(whole(row, "triangle_bytes") >= 12 * whole(row, "triangles_new"), "{row}");
+        assert!((float(row, "bytes_per_triangle") - bytes[0] as f64 / different as f64).abs() < 1e-9, "{row}");
+        assert!(float(row, "bytes_per_triangle") <= 200.0, "{row}");
+        assert!(float(row, "bytes_per_triangle_p50") <= float(row, "bytes_per_triangle_max"), "{row}");
+    }
+    // The same path gives the same figures.
+    let path = place.json("bench uploads terrain.vdt --path orbit:30 --gap 0 --size 640x360");
+    assert_eq!(path["rows"], place.json("bench uploads terrain.vdt --path orbit:30 --gap 0 --size 640x360")["rows"]);
+    assert_eq!((whole(&path["rows"][0], "frames"), &path["path"]), (29, &"Path orbit:30".into()));
+    let text = place.run("bench uploads terrain.vdt --walk 20").success();
+    for heading in ["new", "gone", "gap", "ranges", "B/tri", "median", "B/new"] {
+        assert!(text.lines().next().unwrap().contains(heading), "no `{heading}` in {text}");
+    }
+    place.refuses(1, "bench uploads missing.vdt", &["missing.vdt", "No such file"]);
+    place.refuses(2, "bench uploads", &["<MODEL.vdt>"]);
+    place.refuses(2, "bench uploads terrain.vdt --walk 9 --path orbit:9", &["cannot be used with"]);
+}
+
+/// A build has begun to make files. (Looks at no more than it must: the build removes files, too.)
 fn is_building(place: &Workplace) -> bool {
     let is_begun = |folder: PathBuf| {
         let places = ["build", "scratch"].map(|name| fs::read_dir(folder.join(name)));

@@ -11,6 +11,9 @@
 //! | [`decode`] | how fast pages are decoded |
 //! | [`soak`] | a long random walk with a disk that fails now and then |
 //! | [`dependency`] | what the dependencies cost, and what they leave flipped |
+//! | [`pictures`], [`likeness`] | what is drawn against the full mesh, point by point |
+//! | [`surface`], [`open_sides`] | for that: the nearest triangle of a mesh; whether a mesh is as closed as it should be |
+//! | [`uploads`] | what a renderer has to upload with each frame |
 //! | [`child`] | builds and flights as processes of their own, in a temporary folder and in memory cgroups |
 //! | [`figures`] | what a build says of itself |
 //! | [`machine`] | on which machine it was measured |
@@ -27,13 +30,18 @@ mod error;
 mod figures;
 mod flight;
 mod io;
+mod likeness;
 mod machine;
 mod memory_share;
+mod open_sides;
+mod pictures;
 mod plot;
 mod soak;
 mod strategy;
+mod surface;
 mod table1;
 mod table2;
+mod uploads;
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -61,6 +69,8 @@ pub fn run(options: BenchOptions, json: bool) -> Result<()> {
         BenchCommand::Decode(options) => decode::run(&options, json),
         BenchCommand::Soak(options) => soak::run(&options, json),
         BenchCommand::Dependency(options) => dependency::run(&options, json),
+        BenchCommand::Pictures(options) => pictures::run(&options, json),
+        BenchCommand::Uploads(options) => uploads::run(&options, json),
     }
 }
 

@@ -53,6 +53,7 @@ use one_sided::{Painted, one_sided_painted};
 use paint::{ImageLimits, Paint, Pictures};
 pub use surface::Surface;
 pub use target::Target;
+pub use triangle::{Triangle, squared_distance};
 
 /// The least memory with which two meshes can be compared.
 pub const SMALLEST_MEMORY: ByteSize = ByteSize(16 << 20);

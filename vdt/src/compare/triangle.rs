@@ -10,7 +10,7 @@
 use crate::vector::{Vector, cross, dot, minus};
 
 /// Three corners.
-pub(super) type Triangle = [Vector; 3];
+pub type Triangle = [Vector; 3];
 
 /// Below this square of the sine of an angle, a triangle counts as a sliver.
 const SLIVER: f64 = 1e-6;
@@ -36,7 +36,7 @@ fn to_segment(a: Vector, b: Vector) -> f64 {
 }
 
 /// Square of the distance of a point from the nearest one of a triangle.
-pub(super) fn squared_distance(point: Vector, triangle: &Triangle) -> f64 {
+pub fn squared_distance(point: Vector, triangle: &Triangle) -> f64 {
     // Seen from the point.
     let [a, b, c] = triangle.map(|corner| minus(corner, point));
     let (ab, ac) = (minus(b, a), minus(c, a));
