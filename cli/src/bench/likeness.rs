@@ -19,7 +19,7 @@
 //!
 //! Memory: 4 bytes for each point of each picture. Time: a microsecond or so for each point on each way.
 
-use render::{Buffers, Picture, Projection, Style, draw};
+use render::{Buffers, Picture, Projection, draw};
 use vdt::workers::for_each;
 
 use super::surface::Surface;
@@ -274,7 +274,7 @@ impl Hidden<'_> {
         let points = 2.0 * self.reach.floor() + 1.0;
         let size = (points * FINEST).min(FINE_SIZE).round();
         let mut fine = Picture::new(size as u32, size as u32);
-        draw(&mut fine, &self.projection.part(gap.column, gap.row, points), full, Style::default());
+        draw(&mut fine, &self.projection.part(gap.column, gap.row, points), full, false);
         let fine = Depths::of(&fine);
         let middle = 0.5 * (size - 1.0);
         let is_within = |place: usize| {
@@ -345,11 +345,11 @@ mod tests {
         let streams = [front, full].map(streams);
         let buffers = [0, 1].map(|side| {
             let (vertices, triangles): &(Vec<_>, Vec<_>) = &streams[side];
-            Buffers { vertices, morphs: &[], triangles }
+            Buffers { vertices, triangles, ..Buffers::default() }
         });
         let pictures = buffers.map(|buffers| {
             let mut picture = Picture::new(WIDTH, HEIGHT);
-            draw(&mut picture, &projection(), buffers, Style::default());
+            draw(&mut picture, &projection(), buffers, false);
             picture
         });
         let surfaces = [front, full].map(|triangles| Surface::new(triangles.iter().copied()));

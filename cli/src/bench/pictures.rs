@@ -23,7 +23,7 @@ use metanode::page::Normal;
 use navigator::path::overview;
 use navigator::walk::STEPS_PER_SECOND;
 use navigator::{Camera, FrameStatistics, Io, Navigator, NavigatorOptions, PathSpec};
-use render::{Buffers, Picture, Projection, Style, draw};
+use render::{Buffers, Picture, Projection, draw};
 use serde_json::{Value, json};
 use storage::{FaultyDisk, LocalDisk};
 
@@ -76,7 +76,7 @@ impl FullMesh {
     }
 
     fn buffers(&self) -> Buffers<'_> {
-        Buffers { vertices: &self.vertices, morphs: &[], triangles: &self.triangles }
+        Buffers { vertices: &self.vertices, triangles: &self.triangles, ..Buffers::default() }
     }
 }
 
@@ -181,7 +181,7 @@ impl Studio<'_> {
     /// Draws the full mesh.
     fn draw_full(&mut self, projection: &Projection) {
         self.full.clear();
-        draw(&mut self.full, projection, self.mesh.buffers(), Style::default());
+        draw(&mut self.full, projection, self.mesh.buffers(), false);
     }
 
     /// Draws the front, and compares.
@@ -195,10 +195,13 @@ impl Studio<'_> {
     ) -> Row {
         let (vertices, triangles) = (navigator.vertex_stream(), navigator.triangle_stream());
         self.front.clear();
-        draw(&mut self.front, projection, Buffers { vertices, morphs: &[], triangles }, Style::default());
+        draw(&mut self.front, projection, Buffers { vertices, triangles, ..Buffers::default() }, false);
         let drawn = surface(vertices, triangles);
-        let front =
-            Side { picture: &self.front, buffers: Buffers { vertices, morphs: &[], triangles }, surface: &drawn };
+        let front = Side {
+            picture: &self.front,
+            buffers: Buffers { vertices, triangles, ..Buffers::default() },
+            surface: &drawn,
+        };
         let full = Side { picture: &self.full, buffers: self.mesh.buffers(), surface: &self.mesh.surface };
         let more = if cold_frame.is_some() { f64::from(statistics.pixels_drawn) } else { 0.0 };
         Row {

@@ -202,7 +202,7 @@ impl Mirror {
         let before = std::mem::replace(&mut self.length, stream.len() / self.element_bytes);
         let known = before.min(self.length);
         let changed = changed.map(|range| range.start as usize..(range.end as usize).min(known));
-        for mut range in changed.chain([known..self.length]) {
+        for mut range in changed.chain(std::iter::once(known..self.length)) {
             while range.start < range.end {
                 let part = range.start / self.part_elements;
                 let end = range.end.min((part + 1) * self.part_elements);
