@@ -156,7 +156,7 @@ fn paint(picture: &mut Picture, navigator: &Navigator, camera: &Camera, edges: b
         triangles: navigator.triangle_stream(),
     };
     picture.clear();
-    draw(picture, &projection, buffers, Style { edges });
+    draw(picture, &projection, buffers, Style { edges, ..Style::default() });
     Ok(())
 }
 

@@ -46,6 +46,10 @@ pub struct Buffers<'a> {
 pub struct Style {
     /// Whether the sides of the triangles are seen.
     pub edges: bool,
+    /// Whether each triangle has the colour of its level of detail.
+    pub levels: bool,
+    /// Whether the boxes of the meta-nodes in use are seen.
+    pub boxes: bool,
 }
 
 /// A vertex as the eye sees it, with its normal.
