@@ -98,12 +98,16 @@ impl Files {
             if self.may_replace {
                 return Ok(None);
             }
-            bail!("{name}: this model is older than {mesh_name}; use --force to build it again, or open {name} as it is");
+            bail!(
+                "{name}: this model is older than {mesh_name}; use --force to build it again, or open {name} as it is"
+            );
         }
         match Model::open(&LocalDisk, model) {
             Ok(model) => Ok(Some(model)),
             Err(ModelError::NotAModel { .. }) if !self.may_replace => {
-                bail!("{name}: here the model of {mesh_name} would be, but this is none; use --force to replace it, or move it")
+                bail!(
+                    "{name}: here the model of {mesh_name} would be, but this is none; use --force to replace it, or move it"
+                )
             }
             Err(_) if self.may_replace => Ok(None),
             Err(error) => Err(error).context(format!("{name}: use --force to build it again")),
@@ -115,7 +119,9 @@ impl Files {
         // It leaves nothing when it is dropped.
         AtomicFile::create(disk.clone(), output).with_context(|| {
             let (mesh, output) = (mesh.display(), output.display());
-            format!("{mesh}: the model cannot be written to {output}; build it elsewhere: vdt build {mesh} -o MODEL.vdt")
+            format!(
+                "{mesh}: the model cannot be written to {output}; build it elsewhere: vdt build {mesh} -o MODEL.vdt"
+            )
         })?;
         let meshes: [PathBuf; 1] = [mesh.into()];
         let options = BuildOptions {

@@ -162,7 +162,8 @@ impl Scene {
             for (row, colours) in picture.colours().chunks(width).enumerate().take(height) {
                 for (column, [red, green, blue]) in colours.iter().copied().enumerate() {
                     let [red, green, blue] = if view.style.levels { [green, blue, red] } else { [red, green, blue] };
-                    let [red, green, blue] = if view.style.boxes { [red, green, 255 - blue] } else { [red, green, blue] };
+                    let [red, green, blue] =
+                        if view.style.boxes { [red, green, 255 - blue] } else { [red, green, blue] };
                     points[(y + row) * size[0] as usize + x + column] = [red, green, blue, 255];
                 }
             }
@@ -178,15 +179,16 @@ impl Scene {
             usage: wgpu::TextureUsages::COPY_DST | wgpu::TextureUsages::TEXTURE_BINDING,
             view_formats: &[],
         });
-        let layout =
-            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * size[0]), rows_per_image: None };
+        let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * size[0]), rows_per_image: None };
         gpu.queue.write_texture(texture.as_image_copy(), points.as_flattened(), layout, extent);
         let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: None,
             layout: &self.pipeline.get_bind_group_layout(0),
             entries: &[wgpu::BindGroupEntry {
                 binding: 0,
-                resource: wgpu::BindingResource::TextureView(&texture.create_view(&wgpu::TextureViewDescriptor::default())),
+                resource: wgpu::BindingResource::TextureView(
+                    &texture.create_view(&wgpu::TextureViewDescriptor::default()),
+                ),
             }],
         });
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {

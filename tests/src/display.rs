@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use image::RgbImage;
 use x11rb::connection::{Connection, RequestConnection};
-use x11rb::protocol::xproto::{ConnectionExt, ImageFormat};
+use x11rb::protocol::xproto::{ConnectionExt, ImageFormat, InputFocus, MapState};
 use x11rb::rust_connection::RustConnection;
 
 /// What takes longer than this does not happen.
@@ -95,6 +95,24 @@ impl Display {
         let driver = driver.unwrap_or_else(|| panic!("there is no Vulkan driver for the processor; {INSTALL}"));
         command.env("DISPLAY", &self.name).env("VK_ICD_FILENAMES", &driver).env("VK_DRIVER_FILES", driver);
         command.env("WGPU_BACKEND", "vulkan").env_remove("WAYLAND_DISPLAY").env_remove("WAYLAND_SOCKET");
+    }
+
+    /// Gives the keys to the window that is open, as a window manager would.
+    pub fn focus(&self) {
+        let start = Instant::now();
+        let is_seen = |window: &u32| {
+            let attributes = self.connection.get_window_attributes(*window).unwrap().reply();
+            attributes.is_ok_and(|attributes| attributes.map_state == MapState::VIEWABLE)
+        };
+        let window = loop {
+            let windows = self.connection.query_tree(self.root).unwrap().reply().unwrap().children;
+            if let Some(window) = windows.into_iter().find(is_seen) {
+                break window;
+            }
+            assert!(start.elapsed() < PATIENCE, "no window opens");
+            std::thread::sleep(Duration::from_millis(20));
+        };
+        self.connection.set_input_focus(InputFocus::PARENT, window, x11rb::CURRENT_TIME).unwrap().check().unwrap();
     }
 
     /// Sends an event: the request `FakeInput` of XTEST.

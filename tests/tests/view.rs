@@ -42,9 +42,13 @@ impl Viewer {
         let mut command = place.command(&words);
         display.lend(&mut command);
         command.env("XDG_STATE_HOME", place.path("state")).env("HOME", place.path("home"));
+        // Mesa complains without one.
+        command.env("XDG_RUNTIME_DIR", place.folder());
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         display.move_to(CENTER);
-        Viewer { child: command.spawn().unwrap(), title: arguments.into() }
+        let child = command.spawn().unwrap();
+        display.focus();
+        Viewer { child, title: arguments.into() }
     }
 
     fn end(self, display: &Display) -> Outcome {
@@ -64,13 +68,15 @@ fn bright(picture: &RgbImage, of: Part) -> usize {
 
 fn differing(one: &RgbImage, other: &RgbImage, of: Part) -> usize {
     let (one, other) = (part(one, of), part(other, of));
-    let is_other = |(one, other): &(&image::Rgb<u8>, &image::Rgb<u8>)| (0..3).any(|at| one.0[at].abs_diff(other.0[at]) > 6);
+    let is_other =
+        |(one, other): &(&image::Rgb<u8>, &image::Rgb<u8>)| (0..3).any(|at| one.0[at].abs_diff(other.0[at]) > 6);
     one.pixels().zip(other.pixels()).filter(is_other).count()
 }
 
 /// The window is open, and shows a finished picture of a model.
 fn model_is_seen(display: &Display) -> RgbImage {
-    display.wait_until("the model is seen", |picture| bright(picture, MIDDLE) > 20_000 && bright(picture, FIGURES) > 100);
+    display
+        .wait_until("the model is seen", |picture| bright(picture, MIDDLE) > 20_000 && bright(picture, FIGURES) > 100);
     display.finished_picture()
 }
 

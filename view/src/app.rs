@@ -116,8 +116,7 @@ pub fn run(options: ViewOptions, opener: Arc<dyn Opener>) -> Result<Summary, Vie
     let event_loop = EventLoop::<Event>::with_user_event().build()?;
     let disk: Arc<dyn Disk> = Arc::new(LocalDisk);
     let last_views = options.state_folder.clone().map(|folder| LastViews::in_folder(disk.clone(), folder));
-    let settings =
-        Settings { pixels: options.pixels, memory: options.memory, max_triangles: options.max_triangles };
+    let settings = Settings { pixels: options.pixels, memory: options.memory, max_triangles: options.max_triangles };
     let mut app = App {
         options,
         opener,
@@ -362,7 +361,8 @@ impl App {
         summary.is_settled = session.is_settled();
         summary.frame_ms_p50 = self.frame_times.percentile(50.0);
         summary.frame_ms_p99 = self.frame_times.percentile(99.0);
-        let kept = self.last_views.as_ref().map(|views| views.keep(&Identity::of(session.model()), &session.last_view()));
+        let kept =
+            self.last_views.as_ref().map(|views| views.keep(&Identity::of(session.model()), &session.last_view()));
         if let Some(Err(error)) = kept {
             self.fail(format!("the view is not kept for the next time: {error}"));
         }
@@ -459,9 +459,10 @@ impl App {
     fn click(&mut self, place: [f64; 2]) {
         let now = Instant::now();
         let (within, near) = DOUBLE_CLICK;
-        let is_second = self.mouse.last_click.is_some_and(|(then, at)| {
-            now - then <= within && (at[0] - place[0]).hypot(at[1] - place[1]) <= near
-        });
+        let is_second = self
+            .mouse
+            .last_click
+            .is_some_and(|(then, at)| now - then <= within && (at[0] - place[0]).hypot(at[1] - place[1]) <= near);
         self.mouse.last_click = (!is_second).then_some((now, place));
         if is_second {
             let has_met = self.session().is_some_and(|session| session.pick(place));

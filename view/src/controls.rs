@@ -108,8 +108,7 @@ impl Controls {
         let (Ok(frame), Some(vertical)) = (self.camera.frame(), self.camera.up.try_normalize()) else { return };
         let polar = frame.forward.angle_between(vertical);
         let downwards = (polar + downwards).clamp(LEAST_POLAR, PI - LEAST_POLAR) - polar;
-        let turn =
-            DQuat::from_axis_angle(vertical, -clockwise) * DQuat::from_axis_angle(frame.right, -downwards);
+        let turn = DQuat::from_axis_angle(vertical, -clockwise) * DQuat::from_axis_angle(frame.right, -downwards);
         let turned = |place: DVec3| around + turn * (place - around);
         let camera = Camera { eye: turned(self.camera.eye), target: turned(self.camera.target), ..self.camera };
         self.take(camera, turned(self.pivot));
@@ -221,7 +220,9 @@ mod tests {
         after.look_around(0.2, -0.1);
         assert!((after.camera.eye - before.camera.eye).length() < CLOSE);
         let to_the_right = after.camera.frame().unwrap().forward.dot(before.camera.frame().unwrap().right);
-        assert!(to_the_right > 0.0 && after.camera.frame().unwrap().forward.z > before.camera.frame().unwrap().forward.z);
+        assert!(
+            to_the_right > 0.0 && after.camera.frame().unwrap().forward.z > before.camera.frame().unwrap().forward.z
+        );
         assert_near(on_picture(&before, before.pivot), on_picture(&after, after.pivot));
     }
 

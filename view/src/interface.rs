@@ -50,10 +50,12 @@ impl Interface {
 
     /// Tells the overlay of an event; true where it is to be drawn again.
     pub fn tell(&mut self, window: &Window, event: &WindowEvent) -> bool {
-        let is_over = |interface: &Self| interface.state.egui_input().events.iter().rev().any(|event| match event {
-            egui::Event::PointerMoved(place) => interface.covers_point(*place),
-            _ => false,
-        });
+        let is_over = |interface: &Self| {
+            interface.state.egui_input().events.iter().rev().any(|event| match event {
+                egui::Event::PointerMoved(place) => interface.covers_point(*place),
+                _ => false,
+            })
+        };
         let response = self.state.on_window_event(window, event);
         match event {
             // The mouse goes over the picture without a change.
@@ -73,11 +75,6 @@ impl Interface {
     /// Whether the overlay is at a place of the window, so that the mouse there is its own.
     pub fn covers(&self, [x, y]: [f64; 2]) -> bool {
         self.covers_point(egui::pos2(x as f32, y as f32) / self.pixels_per_point)
-    }
-
-    /// Whether the mouse moves something of the overlay.
-    pub fn is_dragged(&self) -> bool {
-        self.context.egui_is_using_pointer()
     }
 
     /// Whether a text is being written, so that keys are letters.

@@ -4,7 +4,8 @@
 //! A file is named by the place of its model, and says which model lay there: with another one there, it has no meaning and
 //! is replaced.
 
-use std::path::{Path, PathBuf};
+use std::io::Read;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -12,8 +13,6 @@ use metanode::model::Model;
 use navigator::Camera;
 use storage::{AtomicFile, Disk, SequentialReader, StorageError};
 use thiserror::Error;
-
-use std::io::Read;
 
 /// Longer than this, a file is not one of ours.
 const LONGEST: u64 = 64 << 10;
@@ -105,7 +104,9 @@ impl LastViews {
             let line = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' '));
             line.ok_or_else(|| damaged(format!("it has no {name}")))
         };
-        if u64::from_str_radix(value("header")?, 16).map_err(|error| damaged(format!("header: {error}")))? != model.header {
+        if u64::from_str_radix(value("header")?, 16).map_err(|error| damaged(format!("header: {error}")))?
+            != model.header
+        {
             return Ok(None);
         }
         let camera = value("camera")?.parse().map_err(|error| damaged(format!("camera: {error}")))?;
@@ -133,17 +134,6 @@ impl LastViews {
         file.commit()?;
         Ok(())
     }
-
-    /// The names of files are for this module and its tests.
-    #[cfg(test)]
-    fn overwrite(&self, model: &Identity, text: impl AsRef<[u8]>) {
-        std::fs::write(self.file(model), text).unwrap();
-    }
-}
-
-/// The folder that a model's path is in, for messages.
-pub fn folder_of(path: &Path) -> &Path {
-    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 #[cfg(test)]
@@ -195,13 +185,13 @@ mod tests {
             (format!("header ff\n{camera}pivot 0 0 x\n"), "pivot"),
             ("x".repeat(100_000), "100000 bytes"),
         ] {
-            views.overwrite(&model, &text);
+            std::fs::write(views.file(&model), &text).unwrap();
             let message = views.read(&model).unwrap_err().to_string();
             assert!(message.contains(says) && message.contains("ignored"), "{message}");
         }
-        views.overwrite(&model, [b'h', 0xff]);
+        std::fs::write(views.file(&model), [b'h', 0xff]).unwrap();
         assert!(views.read(&model).is_err());
-        views.overwrite(&model, format!("# a note\nheader ff\n{camera}pivot 0 0 1\n"));
+        std::fs::write(views.file(&model), format!("# a note\nheader ff\n{camera}pivot 0 0 1\n")).unwrap();
         assert_eq!(views.read(&model).unwrap().unwrap().pivot, DVec3::Z);
     }
 }

@@ -149,7 +149,9 @@ pub struct Summary {
 #[non_exhaustive]
 pub enum ViewError {
     /// There is no display.
-    #[error("cannot open a window, there is no display to be reached ({source}); `vdt render` makes pictures without one")]
+    #[error(
+        "cannot open a window, there is no display to be reached ({source}); `vdt render` makes pictures without one"
+    )]
     Display {
         /// What winit said.
         #[from]

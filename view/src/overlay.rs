@@ -17,6 +17,8 @@ const PIXELS: [f64; 2] = [0.1, 20.0];
 const LEAST_TRIANGLES: f64 = 1000.0;
 /// How far everything is from the border of the window.
 const MARGIN: f32 = 12.0;
+/// The most letters of a graphics card's name.
+const LONGEST_NAME: usize = 36;
 /// How wide text may be before it goes on in the next line.
 const WIDTH: f32 = 420.0;
 /// What is behind the text: the picture shines through.
@@ -168,7 +170,7 @@ fn frame_of_corner(context: &Context, [x, y, width, height]: [u32; 4]) {
 fn panel(context: &Context, figures: &Figures<'_>, settings: &mut Settings, ranges: Ranges) -> Rect {
     place(context, "figures", Align2::LEFT_TOP, [MARGIN; 2], |ui| {
         egui::Grid::new("figures").num_columns(2).spacing([12.0, 2.0]).show(ui, |ui| {
-            for (name, value) in lines(figures, ranges) {
+            for (name, value) in lines(figures, settings.memory, ranges) {
                 ui.label(RichText::new(name).color(QUIET));
                 ui.label(RichText::new(value).monospace());
                 ui.end_row();
@@ -181,8 +183,8 @@ fn panel(context: &Context, figures: &Figures<'_>, settings: &mut Settings, rang
     })
 }
 
-/// The figures, with their names.
-fn lines(figures: &Figures<'_>, ranges: Ranges) -> Vec<(&'static str, String)> {
+/// The figures, with their names; `memory` is the budget.
+fn lines(figures: &Figures<'_>, memory: u64, ranges: Ranges) -> Vec<(&'static str, String)> {
     let Figures { statistics, totals, upload, .. } = figures;
     let rate = figures.frame_rate.map_or(String::new(), |rate| format!(", {rate:.0} a second"));
     let state = match (figures.is_frozen, figures.is_settled) {
@@ -199,11 +201,11 @@ fn lines(figures: &Figures<'_>, ranges: Ranges) -> Vec<(&'static str, String)> {
         ("settled", state.into()),
         ("adapts", grouped(statistics.splits + statistics.collapses)),
         ("misses", format!("{}, {} in all", grouped(statistics.misses), grouped(totals.misses))),
-        ("RAM", format!("{}{resident}", ByteSize(figures.budget_bytes))),
+        ("RAM", format!("{} of {}{resident}", ByteSize(figures.budget_bytes), ByteSize(memory))),
         ("GPU memory", format!("{gpu_bytes} of {gpu_allowed}")),
         ("disk", format!("{} reads, {}", grouped(totals.reads), ByteSize(totals.bytes_read))),
         ("upload", format!("{} a frame, {} in all", ByteSize(upload.bytes), ByteSize(totals.uploaded_bytes))),
-        ("drawn by", figures.renderer.into()),
+        ("drawn by", shortened(figures.renderer)),
     ];
     let Style { edges, levels, boxes, .. } = figures.style;
     let shown: Vec<&str> = [(edges, "edges"), (levels, "levels"), (boxes, "boxes")]
@@ -217,6 +219,14 @@ fn lines(figures: &Figures<'_>, ranges: Ranges) -> Vec<(&'static str, String)> {
         lines.push(("recording", format!("{} cameras", grouped(cameras))));
     }
     lines
+}
+
+/// A name that does not make the panel wider than the rest of it does.
+fn shortened(name: &str) -> String {
+    if name.chars().count() <= LONGEST_NAME {
+        return name.into();
+    }
+    name.chars().take(LONGEST_NAME - 1).chain(['…']).collect()
 }
 
 fn sliders(ui: &mut Ui, settings: &mut Settings, ranges: Ranges) {
@@ -274,7 +284,7 @@ fn messages(context: &Context, notes: &mut Notes, errors_only: bool) -> Option<R
         for (index, note) in shown {
             ui.horizontal(|ui| {
                 if note.is_error() {
-                    if ui.small_button("✕").clicked() {
+                    if ui.small_button("×").clicked() {
                         dismissed = Some(index);
                     }
                     ui.add(egui::Label::new(RichText::new(note.text).color(ERROR)).wrap());

@@ -7,7 +7,9 @@ use glam::DVec3;
 /// How many times the direction the nearest place of the surface is away that the ray meets, of the streams of a
 /// [`Navigator`](navigator::Navigator). Both sides of the surface count. The eye is relative to the model's origin.
 pub fn nearest(vertices: &[[f32; 4]], triangles: &[[u32; 3]], eye: DVec3, direction: DVec3) -> Option<f64> {
-    let position = |vertex: u32| vertices.get(vertex as usize).map(|[x, y, z, _]| DVec3::new((*x).into(), (*y).into(), (*z).into()));
+    let position = |vertex: u32| {
+        vertices.get(vertex as usize).map(|[x, y, z, _]| DVec3::new((*x).into(), (*y).into(), (*z).into()))
+    };
     let met = triangles.iter().filter(|corners| corners[0] != corners[1]).filter_map(|corners| {
         let [Some(first), Some(second), Some(third)] = corners.map(position) else { return None };
         meets(eye, direction, first, second - first, third - first)

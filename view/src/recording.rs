@@ -22,7 +22,9 @@ impl Recording {
         let path = free_name(disk.as_ref(), model, "path");
         let mut file = AtomicFile::create(disk, &path)?;
         let name = model.file_name().unwrap_or_default().to_string_lossy().replace(['\n', '\r'], " ");
-        let head = format!("# recorded by vdt view, over {name}: one camera a frame\n# eye, target, up, vertical field of view in degrees\n");
+        let head = format!(
+            "# recorded by vdt view, over {name}: one camera a frame\n# eye, target, up, vertical field of view in degrees\n"
+        );
         file.append(head.as_bytes())?;
         Ok(Recording { file, path, cameras: 0 })
     }

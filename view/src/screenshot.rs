@@ -115,7 +115,9 @@ impl Screenshot {
         let rows = bytes.chunks_exact(row_bytes as usize);
         let points = rows.flat_map(|row| row[..4 * width as usize].chunks_exact(4));
         Ok(points
-            .flat_map(|point| if is_blue_first { [point[2], point[1], point[0]] } else { [point[0], point[1], point[2]] })
+            .flat_map(
+                |point| if is_blue_first { [point[2], point[1], point[0]] } else { [point[0], point[1], point[2]] },
+            )
             .collect())
     }
 }

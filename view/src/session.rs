@@ -35,8 +35,8 @@ const CORNER_PART: f64 = 1.0 / 3.0;
 /// How far it is from the border, in parts of the height.
 const CORNER_MARGIN: f64 = 0.02;
 /// How far behind the viewer the observer begins, and how far above, in distances of the viewer from the pivot.
-const OBSERVER_BEHIND: f64 = 1.2;
-const OBSERVER_ABOVE: f64 = 1.1;
+const OBSERVER_BEHIND: f64 = 0.25;
+const OBSERVER_ABOVE: f64 = 0.7;
 
 /// What can go wrong while a model is looked at.
 #[derive(Debug, Error)]
@@ -455,15 +455,15 @@ impl Session {
         let view = |controls: &Controls, picture: Picture, style: Style| {
             let rectangle = self.rectangle(picture);
             let [_, _, width, height] = rectangle;
-            let projection = Projection::new(controls.camera(), header.origin, header.diagonal(), width, height).ok()?;
+            let projection =
+                Projection::new(controls.camera(), header.origin, header.diagonal(), width, height).ok()?;
             Some(SceneView { projection, rectangle, style })
         };
         let pictures = match &self.observer {
             None => [view(&self.viewer, Picture::Main, self.style), None],
-            Some(observer) => [
-                view(observer, Picture::Main, self.style),
-                view(&self.viewer, Picture::Corner, Style::default()),
-            ],
+            Some(observer) => {
+                [view(observer, Picture::Main, self.style), view(&self.viewer, Picture::Corner, Style::default())]
+            }
         };
         let views: Vec<SceneView> = pictures.into_iter().flatten().collect();
         self.scene.draw(gpu, encoder, target, self.size, &views);
