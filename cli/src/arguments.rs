@@ -60,6 +60,8 @@ pub enum Command {
     Navigate(NavigateOptions),
     /// Draw pictures of a model into PNG files
     Render(RenderOptions),
+    /// Open a model or a mesh in a window, and fly.
+    View(ViewOptions),
     /// Say how far two meshes are apart: mean, root mean square and largest distance, both ways.
     Compare(CompareOptions),
     /// Measure how meshes are built, what models state, and what flights read and take: the paper's Tables 1 and 2 and more.
@@ -607,6 +609,44 @@ pub struct RenderOptions {
     #[arg(long, default_value = "256M")]
     pub memory: ByteSize,
     /// Replace existing files.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// `vdt view`
+#[derive(Debug, Args)]
+#[command(
+    after_long_help = "Of a mesh the model is built first, once, and kept beside it: scan.vdt beside scan.ply. The window \
+                             opens where the model was left; H shows what mouse and keys do. It needs a display, and a \
+                             driver for Vulkan or OpenGL; `vdt render` needs neither.\n\n\
+                             Examples:\n  vdt view scan.ply\n  \
+                             vdt view bunny.vdt --memory 64M --pixels 2\n  \
+                             vdt view bunny.vdt --camera 0,0.1,0.4,0,0.1,0 --size 1920x1080"
+)]
+pub struct ViewOptions {
+    /// A model, or a mesh of any format that can be read. [default: what is dropped onto the window]
+    #[arg(value_name = "MODEL.vdt|MESH")]
+    pub file: Option<PathBuf>,
+    /// RAM for the navigation; a mesh is built within as much.
+    #[arg(long, default_value = "256M")]
+    pub memory: ByteSize,
+    /// Memory of the graphics card for the model.
+    #[arg(long, default_value = "512M")]
+    pub gpu_memory: ByteSize,
+    /// Error to be seen at most, in pixels.
+    #[arg(long, default_value_t = 1.0, value_parser = positive)]
+    pub pixels: f32,
+    /// Draw at most so many triangles.
+    #[arg(long, value_name = "N")]
+    pub max_triangles: Option<u64>,
+    /// Size of the window.
+    #[arg(long, default_value = "1280x800")]
+    pub size: PictureSize,
+    /// Where to look from at first, and at what: eye and target, six numbers with commas. [default: where the model was left,
+    /// else at all of it]
+    #[arg(long, value_name = "EYE,TARGET", allow_hyphen_values = true)]
+    pub camera: Option<CameraArgument>,
+    /// Build the model of a mesh again where the one beside it is older, or is no model.
     #[arg(long)]
     pub force: bool,
 }

@@ -368,6 +368,22 @@ fn share_of(phase: Phase) -> (f64, f64) {
     }
 }
 
+/// What part of the whole build is done with this part of a phase.
+pub fn share_of_all(phase: Phase, share: f64) -> f64 {
+    let (start, length) = share_of(phase);
+    start + length * share
+}
+
+/// What is done in a phase, for people.
+pub fn doing(phase: Phase) -> &'static str {
+    match phase {
+        Phase::Reading => "reading",
+        Phase::Simplifying => "simplifying",
+        Phase::Numbering => "numbering",
+        Phase::Writing => "writing",
+    }
+}
+
 /// A bar over the whole build, with the rate of the phase that goes on.
 #[derive(Debug)]
 pub struct BuildProgress {
@@ -389,20 +405,14 @@ impl BuildProgress {
             *at = (phase, Instant::now());
         }
         let seconds = at.1.elapsed().as_secs_f64();
-        let name = match phase {
-            Phase::Reading => "reading",
-            Phase::Simplifying => "simplifying",
-            Phase::Numbering => "numbering",
-            Phase::Writing => "writing",
-        };
+        let name = doing(phase);
         let rate = triangles as f64 * share / seconds.max(1e-3);
         if triangles > 0 && seconds > 0.5 {
             self.bar.phase(format!("{name}, {:.0} K triangles/s", rate / 1e3));
         } else {
             self.bar.phase(name);
         }
-        let (start, length) = share_of(phase);
-        self.bar.show(start + length * share);
+        self.bar.show(share_of_all(phase, share));
     }
 }
 

@@ -23,6 +23,7 @@ mod render;
 mod statement;
 mod table;
 mod verify;
+mod view;
 mod warnings;
 
 use std::process::ExitCode;
@@ -51,6 +52,7 @@ pub fn run() -> ExitCode {
         Command::Convert(options) => convert::run(&options, json),
         Command::Navigate(options) => navigate::run(options, json),
         Command::Render(options) => render::run(&options, json),
+        Command::View(options) => view::run(options, json),
         Command::Compare(options) => compare::run(&options, json),
         Command::Bench(options) => bench::run(options, json),
     };
@@ -83,11 +85,16 @@ fn stop() {
     if bench::end_early() {
         return;
     }
+    end_at_once()
+}
+
+/// Ends the program although work is being done: what is not whole yet goes, but for what a build can go on from.
+fn end_at_once() -> ! {
     // Nothing is written any more before the bench's folder is removed.
     let _standstill = storage::remove_unfinished();
     let _ended = bench::end();
     eprintln!("vdt: interrupted");
-    std::process::exit(INTERRUPTED);
+    std::process::exit(INTERRUPTED)
 }
 
 /// Whoever read our output had enough of it (`vdt info … | head`): that is not a failure.

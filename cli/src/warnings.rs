@@ -1,6 +1,6 @@
 //! What was changed or not found while meshes were read, in words and for programs.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 use vdt::ingest::CleaningCounts;
@@ -13,8 +13,18 @@ pub fn tell(report: &mut Report, cleaning: &CleaningCounts, missing_files: &[Pat
         report.line("note", format!("{} {message}", grouped(count)));
     }
     for path in missing_files {
-        report.line("missing", format!("{}: named by the mesh, and not there; done without it", path.display()));
+        report.line("missing", missing(path));
     }
+}
+
+fn missing(path: &Path) -> String {
+    format!("{}: named by the mesh, and not there; done without it", path.display())
+}
+
+/// The same, each by itself.
+pub fn texts(cleaning: &CleaningCounts, missing_files: &[PathBuf]) -> Vec<String> {
+    let counted = counted(cleaning).into_iter().map(|(_, count, message)| format!("{} {message}", grouped(count)));
+    counted.chain(missing_files.iter().map(|path| missing(path))).collect()
 }
 
 /// The same for programs.

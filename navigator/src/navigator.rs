@@ -310,6 +310,20 @@ fn usual_io_threads() -> usize {
     std::thread::available_parallelism().map_or(2, usize::from).clamp(2, 4)
 }
 
+fn check_pixels(pixels: f32) -> Result<(), NavigatorError> {
+    if pixels >= 0.0 && pixels.is_finite() {
+        return Ok(());
+    }
+    Err(NavigatorError::Options { problem: format!("an error of {pixels} pixels cannot be: give 0 or more") })
+}
+
+fn check_size(width: u32, height: u32) -> Result<(), NavigatorError> {
+    if width > 0 && height > 0 {
+        return Ok(());
+    }
+    Err(NavigatorError::Options { problem: format!("a picture of {width}x{height} pixels cannot be") })
+}
+
 impl Navigator {
     /// Allocates all memory, makes all roots active, loads the root pages and prefetches their children.
     pub fn open(model: Arc<Model>, options: NavigatorOptions) -> Result<Self, NavigatorError> {
@@ -332,14 +346,8 @@ impl Navigator {
         options: NavigatorOptions,
         decoded: Option<DecodedFile>,
     ) -> Result<Self, NavigatorError> {
-        if !(options.pixels >= 0.0 && options.pixels.is_finite()) {
-            let problem = format!("an error of {} pixels cannot be: give 0 or more", options.pixels);
-            return Err(NavigatorError::Options { problem });
-        }
-        if options.width == 0 || options.height == 0 {
-            let problem = format!("a picture of {}x{} pixels cannot be", options.width, options.height);
-            return Err(NavigatorError::Options { problem });
-        }
+        check_pixels(options.pixels)?;
+        check_size(options.width, options.height)?;
         options.view.check()?;
         let leaf_count = model.header().leaf_count;
         if let Some((root, _)) = model.roots().iter().enumerate().find(|(_, root)| root.id == 0) {
@@ -397,6 +405,38 @@ impl Navigator {
         })
     }
 
+    /// Asks for another error at most, in pixels, from the next frame on.
+    pub fn set_pixels(&mut self, pixels: f32) -> Result<(), NavigatorError> {
+        check_pixels(pixels)?;
+        self.options.pixels = pixels;
+        self.look_again();
+        Ok(())
+    }
+
+    /// Allows so many triangles at most, from the next frame on. Where more are drawn, the threshold rises with every frame
+    /// until they are gone.
+    pub fn set_max_triangles(&mut self, max_triangles: Option<u64>) {
+        self.options.max_triangles = max_triangles;
+        self.look_again();
+    }
+
+    /// Gives the picture another size in pixels, from the next frame on.
+    pub fn set_size(&mut self, width: u32, height: u32) -> Result<(), NavigatorError> {
+        check_size(width, height)?;
+        (self.options.width, self.options.height) = (width, height);
+        self.look_again();
+        Ok(())
+    }
+
+    /// What was found to be finished is not, and limits that were hit may not be limits any more.
+    fn look_again(&mut self) {
+        self.is_at_rest = false;
+        self.frames_at_rest = 0;
+        self.limited_at = None;
+        self.starved_frames = 0;
+        (self.turn_changed, self.turn_was_quiet) = (true, false);
+    }
+
     /// Adapts the front to the camera, as far as pages, limits and dependencies allow.
     ///
     /// After an error the front is still that of a cut, and the next frame goes on from there.
@@ -450,6 +490,10 @@ impl Navigator {
         statistics.pool = counters - self.pool_counters;
         self.pool_counters = counters;
         if self.starves_for_long(stands_still, statistics.pool.starved > 0) {
+            statistics.over_budget += 1;
+        }
+        if self.front.triangle_count() > self.triangle_limit() {
+            // The limit was lowered: what is drawn must go, though nothing more is wanted.
             statistics.over_budget += 1;
         }
         self.adjust_threshold(camera, statistics.over_budget > 0);

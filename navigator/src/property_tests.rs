@@ -945,3 +945,44 @@ fn the_smallest_memory_works() {
         }
     }
 }
+
+/// What is asked for may change between frames: then the picture is that of a navigator which was opened so.
+#[test]
+fn other_pixels_sizes_and_limits_act_at_once() {
+    let tree = testing::sphere_tree(4, 1);
+    let usual = NavigatorOptions { pixels: 4.0, width: 400, height: 300, ..options() };
+    let mut changed = navigator(&tree, &usual);
+    let camera = camera(changed.model(), [1.0, 0.7, 0.6], [0.0; 3]);
+    let settled = |navigator: &mut Navigator| {
+        let frame = navigator.run_until_settled(&camera, 5000).unwrap();
+        assert!(navigator.settled());
+        assert_is_mesh_of_cut(navigator, &tree);
+        frame.triangles
+    };
+    let first = settled(&mut changed);
+
+    changed.set_pixels(1.0).unwrap();
+    assert!(!changed.settled());
+    let finer = settled(&mut changed);
+    assert_eq!(finer, settled(&mut navigator(&tree, &NavigatorOptions { pixels: 1.0, ..usual.clone() })));
+    assert!(finer > first);
+
+    changed.set_size(800, 600).unwrap();
+    let larger = settled(&mut changed);
+    let options = NavigatorOptions { pixels: 1.0, width: 800, height: 600, ..usual.clone() };
+    assert_eq!(larger, settled(&mut navigator(&tree, &options)));
+    assert!(larger > finer);
+
+    // As many as there are now and fewer, though nothing more is wanted; and then again all that is wanted.
+    changed.set_max_triangles(Some(larger / 2));
+    let limited = settled(&mut changed);
+    assert!(limited <= larger / 2 && limited > larger / 8, "{limited} of {larger}");
+    changed.set_max_triangles(None);
+    assert_eq!(settled(&mut changed), larger);
+
+    for pixels in [-1.0, f32::NAN, f32::INFINITY] {
+        assert!(matches!(changed.set_pixels(pixels), Err(NavigatorError::Options { .. })));
+    }
+    assert!(matches!(changed.set_size(0, 600), Err(NavigatorError::Options { .. })));
+    assert_eq!(settled(&mut changed), larger);
+}

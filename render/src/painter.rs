@@ -184,7 +184,12 @@ impl OnDevice {
         let on_device = gpu_memory.checked_sub(for_picture).ok_or(too_little)?;
         let off_screen = OffScreen::new(&gpu, width, height)?;
         let looks = Looks::of(model, gpu.room_for_textures(memory, on_device))?;
-        let options = SceneOptions { memory: on_device, format: OffScreen::FORMAT, most_buffer_bytes: None };
+        let options = SceneOptions {
+            memory: on_device,
+            format: OffScreen::FORMAT,
+            size: [width, height],
+            most_buffer_bytes: None,
+        };
         let scene = Scene::new(&gpu, model, &looks, options)?;
         Ok(OnDevice { gpu, scene, off_screen, problems: looks.problems().to_vec() })
     }

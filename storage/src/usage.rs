@@ -17,10 +17,18 @@ pub fn resident_bytes() -> Option<u64> {
 }
 
 fn status_bytes(name: &str) -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let kilobytes: u64 =
-        status.lines().find_map(|line| line.strip_prefix(name))?.split_ascii_whitespace().next()?.parse().ok()?;
-    Some(kilobytes * 1024)
+    kilobytes(&std::fs::read_to_string("/proc/self/status").ok()?, name)
+}
+
+/// The size behind a name, in a text of lines such as `VmRSS: 1234 kB`, in bytes.
+fn kilobytes(text: &str, name: &str) -> Option<u64> {
+    let line = text.lines().find_map(|line| line.strip_prefix(name))?;
+    Some(line.split_ascii_whitespace().next()?.parse::<u64>().ok()? * 1024)
+}
+
+/// The RAM of this machine, in bytes. `None` where the system does not tell.
+pub fn machine_bytes() -> Option<u64> {
+    kilobytes(&std::fs::read_to_string("/proc/meminfo").ok()?, "MemTotal:")
 }
 
 /// Has memory of large blocks go back to the system as soon as it is freed, whatever came before. Called once, when a

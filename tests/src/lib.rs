@@ -14,11 +14,13 @@
 //! | [`mesh_files`] | meshes as files of every format, and a PLY reader |
 //! | [`reference_decoder`] | a decoder of model files, from the format's document alone |
 //! | [`program`] | the program, run in a folder of its own |
+//! | [`display`] | a display without a screen: real key and mouse events, and what is seen |
 //! | [`memory`] | what the operating system says of a process's memory, and memory cgroups |
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a panic is how a test fails")]
 
 pub mod cut;
+pub mod display;
 pub mod distance;
 pub mod history;
 pub mod memory;

@@ -8,8 +8,8 @@ use vdt_tests::program::Workplace;
 use vdt_tests::random_mesh::{closed_box, sphere};
 use vdt_tests::workplace;
 
-const COMMANDS: [&str; 10] =
-    ["demo", "generate", "build", "info", "verify", "extract", "navigate", "render", "compare", "bench"];
+const COMMANDS: [&str; 11] =
+    ["demo", "generate", "build", "info", "verify", "extract", "navigate", "render", "view", "compare", "bench"];
 
 fn place_with_ball() -> Workplace {
     let place = workplace!();

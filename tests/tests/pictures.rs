@@ -178,7 +178,8 @@ const HEIGHT: u32 = 120;
 fn scene(gpu: &Gpu, model: &Model, most_buffer_bytes: Option<u64>) -> Scene {
     let room = Room { bytes: 1 << 22, decoding_bytes: 1 << 24, most_side: 1024, most_textures: 16 };
     let looks = Looks::of(model, room).unwrap();
-    let options = SceneOptions { memory: 64 << 20, format: OffScreen::FORMAT, most_buffer_bytes };
+    let options =
+        SceneOptions { memory: 64 << 20, format: OffScreen::FORMAT, size: [WIDTH, HEIGHT], most_buffer_bytes };
     Scene::new(gpu, model, &looks, options).unwrap()
 }
 
@@ -237,7 +238,12 @@ fn little_memory_on_the_device_is_kept_to() {
     place.write("large.ply", ply(&torus(240, 120, 0.02, 5), Encoding::LittleEndian, Coordinates::Float));
     place.json("build large.ply -o large.vdt");
     let model = Arc::new(Model::open(&LocalDisk, &place.path("large.vdt")).unwrap());
-    let options = |memory: u64| SceneOptions { memory, format: OffScreen::FORMAT, most_buffer_bytes: None };
+    let options = |memory: u64| SceneOptions {
+        memory,
+        format: OffScreen::FORMAT,
+        size: [WIDTH, HEIGHT],
+        most_buffer_bytes: None,
+    };
     let refused = Scene::new(&gpu, &model, &Looks::default(), options(1 << 20));
     assert!(matches!(refused, Err(GpuError::Memory { .. })));
     let memory = Scene::new(&gpu, &model, &Looks::default(), options(1 << 30)).unwrap().bytes() + (600 << 10);

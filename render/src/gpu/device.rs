@@ -75,6 +75,8 @@ pub struct Gpu {
     pub queue: Queue,
     /// What it was opened from: tells what surfaces can do.
     pub adapter: Adapter,
+    /// Where that was found: makes surfaces.
+    pub instance: Instance,
     name: String,
     is_processor: bool,
     failure: Arc<Mutex<Option<String>>>,
@@ -88,15 +90,15 @@ impl Gpu {
             return Err(GpuError::NoDriver { reason });
         }
         let instance = Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
-        Self::choose(&instance, None, drivers)
+        Self::choose(instance, None, drivers)
     }
 
     /// Opens a device that can show its pictures on a surface.
-    pub fn for_surface(instance: &Instance, surface: &Surface<'_>) -> Result<Self, GpuError> {
+    pub fn for_surface(instance: Instance, surface: &Surface<'_>) -> Result<Self, GpuError> {
         Self::choose(instance, Some(surface), Drivers::Any)
     }
 
-    fn choose(instance: &Instance, surface: Option<&Surface<'_>>, drivers: Drivers) -> Result<Self, GpuError> {
+    fn choose(instance: Instance, surface: Option<&Surface<'_>>, drivers: Drivers) -> Result<Self, GpuError> {
         let options = wgpu::RequestAdapterOptions {
             power_preference: wgpu::PowerPreference::HighPerformance,
             compatible_surface: surface,
@@ -144,7 +146,7 @@ impl Gpu {
                 note(&of_loss, message);
             }
         });
-        Ok(Gpu { device, queue, adapter, name, is_processor, failure })
+        Ok(Gpu { device, queue, adapter, instance, name, is_processor, failure })
     }
 
     /// Its name, and how it is spoken to: "llvmpipe (LLVM 15.0.6, 256 bits) (vulkan)".
@@ -167,6 +169,12 @@ impl Gpu {
             most_side: limits.max_texture_dimension_2d,
             most_textures: limits.max_texture_array_layers,
         }
+    }
+
+    /// Whether depths can be read back.
+    pub(crate) fn can_read_depths(&self) -> bool {
+        let flags = self.adapter.get_downlevel_capabilities().flags;
+        flags.contains(DownlevelFlags::DEPTH_TEXTURE_AND_BUFFER_COPIES)
     }
 
     /// The most bytes of a buffer that a shader can read.

@@ -1,12 +1,12 @@
 //! Pictures without a window: drawn on the device, and read back.
 //!
-//! Memory on the device: 8 bytes a point, and as much again for what is read back; in RAM that of the [`Picture`], and of what is read back.
+//! Memory on the device, beside the scene: 12 bytes a point; in RAM that of the [`Picture`], and 8 bytes a point that are read back.
 
 use wgpu::{Buffer, BufferUsages, Texture, TextureFormat, TextureUsages};
 
 use super::device::{Gpu, GpuError};
 use super::mirror::buffer;
-use super::scene::{DEPTH_FORMAT, Scene, SceneView};
+use super::scene::{Scene, SceneView};
 use crate::picture::Picture;
 
 /// Format of the colours.
@@ -19,7 +19,6 @@ const POINT_BYTES: u32 = 4;
 pub struct OffScreen {
     size: [u32; 2],
     colours: Texture,
-    depths: Texture,
     /// Where the colours, and then the depths, are read.
     back: Buffer,
 }
@@ -33,8 +32,8 @@ impl OffScreen {
 
     /// Bytes on the device for a picture of so many points.
     pub fn bytes_for(width: u32, height: u32) -> u64 {
-        let textures = 2 * u64::from(POINT_BYTES) * u64::from(width) * u64::from(height);
-        textures + 2 * u64::from(row_bytes(width)) * u64::from(height)
+        let texture = u64::from(POINT_BYTES) * u64::from(width) * u64::from(height);
+        texture + 2 * u64::from(row_bytes(width)) * u64::from(height)
     }
 
     /// One of so many points.
@@ -44,26 +43,23 @@ impl OffScreen {
             let problem = format!("its pictures have at most {most}x{most} points, not {width}x{height}");
             return Err(GpuError::TooLittle { driver: gpu.name().to_owned(), problem });
         }
-        let texture = |label: &str, format: TextureFormat| {
-            gpu.device.create_texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_SRC,
-                view_formats: &[],
-            })
-        };
+        if !gpu.can_read_depths() {
+            let problem = "it does not give back the depths of a picture".to_owned();
+            return Err(GpuError::TooLittle { driver: gpu.name().to_owned(), problem });
+        }
+        let colours = gpu.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("colours"),
+            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: FORMAT,
+            usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_SRC,
+            view_formats: &[],
+        });
         let bytes = 2 * u64::from(row_bytes(width)) * u64::from(height);
         let back = buffer(gpu, "picture", bytes, BufferUsages::COPY_DST | BufferUsages::MAP_READ);
-        let drawn = OffScreen {
-            size: [width, height],
-            colours: texture("colours", FORMAT),
-            depths: texture("depths", DEPTH_FORMAT),
-            back,
-        };
+        let drawn = OffScreen { size: [width, height], colours, back };
         gpu.check()?;
         Ok(drawn)
     }
@@ -72,13 +68,12 @@ impl OffScreen {
     pub fn draw(&self, gpu: &Gpu, scene: &mut Scene, view: &SceneView, picture: &mut Picture) -> Result<(), GpuError> {
         let [width, height] = self.size;
         let view = SceneView { rectangle: [0, 0, width, height], ..*view };
-        let (target, depth) =
-            (self.colours.create_view(&Default::default()), self.depths.create_view(&Default::default()));
+        let target = self.colours.create_view(&Default::default());
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        scene.draw(gpu, &mut encoder, &target, &depth, &[view]);
+        scene.draw(gpu, &mut encoder, &target, self.size, &[view]);
         let row = row_bytes(width);
         let of_colours = u64::from(row) * u64::from(height);
-        for (texture, offset) in [(&self.colours, 0), (&self.depths, of_colours)] {
+        for (texture, offset) in [(&self.colours, 0), (scene.depths(), of_colours)] {
             encoder.copy_texture_to_buffer(
                 texture.as_image_copy(),
                 wgpu::TexelCopyBufferInfo {

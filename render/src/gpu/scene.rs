@@ -16,13 +16,14 @@ use metanode::model::Model;
 use navigator::{DrawnWedge, Navigator};
 use wgpu::{
     BindGroup, BindGroupLayout, BindingType, Buffer, BufferUsages, CommandEncoder, RenderPass, RenderPipeline,
-    ShaderStages, TextureFormat, TextureView,
+    ShaderStages, Texture, TextureFormat, TextureView,
 };
 
 use super::device::{BUFFERS_PER_PART, Gpu, GpuError, OTHER_BUFFERS};
 use super::mirror::{BLOCK_BYTES, Courier, Mirror, Upload, buffer};
 use super::textures::Textures;
 use crate::boxes::{LineEnd, box_lines};
+use crate::colours::from_stored;
 use crate::levels::{BLOCK, LEVELS, Levels, colour};
 use crate::looks::{Look, Looks};
 use crate::picture::BACKGROUND;
@@ -30,7 +31,7 @@ use crate::projection::Projection;
 use crate::style::Style;
 
 /// Format of the depths.
-pub const DEPTH_FORMAT: TextureFormat = TextureFormat::Depth32Float;
+const DEPTH_FORMAT: TextureFormat = TextureFormat::Depth32Float;
 /// Most views that are drawn at once.
 const MOST_VIEWS: usize = 4;
 /// Bytes from one view to the next: any device's alignment.
@@ -52,8 +53,10 @@ const WEDGE_BYTES: usize = size_of::<DrawnWedge>();
 pub struct SceneOptions {
     /// Bytes on the device, at most.
     pub memory: u64,
-    /// Format of the pictures: one in which colours are stored as they are, not one that the device turns into sRGB.
+    /// Format of the pictures.
     pub format: TextureFormat,
+    /// Width and height of the pictures, in points; with another size the scene takes other memory.
+    pub size: [u32; 2],
     /// The most bytes of a buffer, where that is to be less than the device allows.
     pub most_buffer_bytes: Option<u64>,
 }
@@ -108,6 +111,8 @@ pub struct Scene {
     vertex_group: BindGroup,
     surfaces: RenderPipeline,
     line_pipeline: RenderPipeline,
+    cover: RenderPipeline,
+    depths: Texture,
 }
 
 impl Scene {
@@ -215,7 +220,8 @@ impl Scene {
         let pipeline = |layout: &wgpu::PipelineLayout,
                         [vertex, fragment]: [&str; 2],
                         buffers: &[Option<wgpu::VertexBufferLayout<'_>>],
-                        topology: wgpu::PrimitiveTopology| {
+                        topology: wgpu::PrimitiveTopology,
+                        depth_compare: wgpu::CompareFunction| {
             gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
                 label: Some(fragment),
                 layout: Some(layout),
@@ -229,7 +235,7 @@ impl Scene {
                 depth_stencil: Some(wgpu::DepthStencilState {
                     format: DEPTH_FORMAT,
                     depth_write_enabled: Some(true),
-                    depth_compare: Some(wgpu::CompareFunction::Greater),
+                    depth_compare: Some(depth_compare),
                     stencil: Default::default(),
                     bias: Default::default(),
                 }),
@@ -237,16 +243,23 @@ impl Scene {
                 fragment: Some(wgpu::FragmentState {
                     module: &shader,
                     entry_point: Some(fragment),
-                    compilation_options: Default::default(),
+                    compilation_options: wgpu::PipelineCompilationOptions {
+                        constants: &[("is_turned_by_device", f64::from(u8::from(options.format.is_srgb())))],
+                        ..Default::default()
+                    },
                     targets: &[Some(options.format.into())],
                 }),
                 multiview_mask: None,
                 cache: None,
             })
         };
-        let surfaces = pipeline(&of_surfaces, ["corner", "surface"], &[], wgpu::PrimitiveTopology::TriangleList);
-        let line_pipeline =
-            pipeline(&of_lines, ["line_end", "line"], &[Some(line_ends)], wgpu::PrimitiveTopology::LineList);
+        let nearer = wgpu::CompareFunction::Greater;
+        let triangle_list = wgpu::PrimitiveTopology::TriangleList;
+        let surfaces = pipeline(&of_surfaces, ["corner", "surface"], &[], triangle_list, nearer);
+        let line_list = wgpu::PrimitiveTopology::LineList;
+        let line_pipeline = pipeline(&of_lines, ["line_end", "line"], &[Some(line_ends)], line_list, nearer);
+        let always = wgpu::CompareFunction::Always;
+        let cover = pipeline(&of_lines, ["cover_corner", "cover"], &[], triangle_list, always);
 
         let vertex_group = vertex_group(gpu, &vertex_layout, parts, &level_mirror, [&vertices, &morphs, &wedges]);
         let triangle_groups = triangle_groups(gpu, &triangle_layout, &triangles, &corners);
@@ -273,6 +286,8 @@ impl Scene {
             vertex_group,
             surfaces,
             line_pipeline,
+            cover,
+            depths: depths(gpu, options.size),
         };
         gpu.check()?;
         if scene.bytes() > options.memory {
@@ -285,7 +300,12 @@ impl Scene {
     /// Bytes on the device.
     pub fn bytes(&self) -> u64 {
         let lines = self.lines.as_ref().map_or(0, |(lines, _)| lines.size());
-        self.mirrors().map(Mirror::bytes).iter().sum::<u64>() + lines + self.fixed_bytes
+        self.mirrors().map(Mirror::bytes).iter().sum::<u64>() + lines + self.still_bytes()
+    }
+
+    /// Bytes of what does not grow with the front.
+    fn still_bytes(&self) -> u64 {
+        self.fixed_bytes + depth_bytes([self.depths.width(), self.depths.height()])
     }
 
     fn mirrors(&self) -> [&Mirror; 6] {
@@ -297,7 +317,7 @@ impl Scene {
         // Buffers grow by doubling: at worst the new one is twice what is needed, beside the old one.
         let vertex_bytes = (VERTEX_BYTES + MORPH_BYTES + WEDGE_BYTES + 1) as f64 * VERTICES_PER_TRIANGLE;
         let triangle_bytes = 3.0 * (2.0 * TRIANGLE_BYTES as f64 + vertex_bytes);
-        let by_memory = (self.options.memory.saturating_sub(self.fixed_bytes) as f64 / triangle_bytes) as u64;
+        let by_memory = (self.options.memory.saturating_sub(self.still_bytes()) as f64 / triangle_bytes) as u64;
         by_memory.min((self.vertices.most_elements() as f64 / VERTICES_PER_TRIANGLE) as u64)
     }
 
@@ -322,7 +342,7 @@ impl Scene {
         ];
         let of_streams =
             self.mirrors().iter().zip(streams).map(|(mirror, stream)| mirror.bytes_for(stream)).sum::<u64>();
-        let needed = of_streams + line_bytes.next_power_of_two() + self.fixed_bytes;
+        let needed = of_streams + line_bytes.next_power_of_two() + self.still_bytes();
         if needed > self.options.memory {
             return Err(GpuError::Memory { allowed: self.options.memory, needed, what: "the triangles of this view" });
         }
@@ -371,27 +391,31 @@ impl Scene {
         Ok(upload)
     }
 
-    /// Draws what was last brought up to date: as each view sees it, into its part of a target of `size` points. At most four views.
+    /// Draws what was last brought up to date: as each view sees it, into its part of a target of `size` points, each over those
+    /// before. At most four views. The first one's background is that of all of the target.
     pub fn draw(
         &mut self,
         gpu: &Gpu,
         encoder: &mut CommandEncoder,
         target: &TextureView,
-        depth: &TextureView,
+        size: [u32; 2],
         views: &[SceneView],
     ) {
-        let background = BACKGROUND.map(|part| f64::from(part) / 255.0);
-        let [red, green, blue] = background;
-        for (index, view) in views.iter().take(MOST_VIEWS).enumerate() {
+        if [self.depths.width(), self.depths.height()] != size {
+            self.depths.destroy();
+            self.depths = depths(gpu, size);
+        }
+        let depth = self.depths.create_view(&Default::default());
+        let views = &views[..views.len().min(MOST_VIEWS)];
+        for (index, view) in views.iter().enumerate() {
             gpu.queue.write_buffer(&self.views, index as u64 * VIEW_STRIDE, bytemuck::bytes_of(&self.uniform(view)));
         }
-        for (index, view) in views.iter().take(MOST_VIEWS).enumerate() {
-            let is_first = index == 0;
-            let load = if is_first {
-                wgpu::LoadOp::Clear(wgpu::Color { r: red, g: green, b: blue, a: 1.0 })
-            } else {
-                wgpu::LoadOp::Load
-            };
+        let is_turned = self.options.format.is_srgb();
+        let [red, green, blue] =
+            BACKGROUND.map(|part| f64::from(part) / 255.0).map(|part| if is_turned { from_stored(part) } else { part });
+        for (index, view) in views.iter().enumerate() {
+            let background = wgpu::Color { r: red, g: green, b: blue, a: 1.0 };
+            let load = if index == 0 { wgpu::LoadOp::Clear(background) } else { wgpu::LoadOp::Load };
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("front"),
                 color_attachments: &[Some(wgpu::RenderPassColorAttachment {
@@ -401,7 +425,7 @@ impl Scene {
                     ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
                 })],
                 depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-                    view: depth,
+                    view: &depth,
                     depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Store }),
                     stencil_ops: None,
                 }),
@@ -410,8 +434,18 @@ impl Scene {
             let [x, y, width, height] = view.rectangle;
             pass.set_viewport(x as f32, y as f32, width as f32, height as f32, 0.0, 1.0);
             pass.set_scissor_rect(x, y, width, height);
+            if index > 0 {
+                pass.set_bind_group(0, &self.view_group, &[(index as u64 * VIEW_STRIDE) as u32]);
+                pass.set_pipeline(&self.cover);
+                pass.draw(0..3, 0..1);
+            }
             self.draw_view(&mut pass, index, view.style);
         }
+    }
+
+    /// The depths of what was drawn last: how near it is, in parts of the least depth; 0 where there is nothing.
+    pub(super) fn depths(&self) -> &Texture {
+        &self.depths
     }
 
     fn draw_view(&self, pass: &mut RenderPass<'_>, index: usize, style: Style) {
@@ -451,6 +485,24 @@ impl Scene {
             flags: [edges.into(), levels.into(), self.has_morphs.into(), self.carried],
         }
     }
+}
+
+/// Depths for pictures of so many points.
+fn depths(gpu: &Gpu, [width, height]: [u32; 2]) -> Texture {
+    gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("depths"),
+        size: wgpu::Extent3d { width: width.max(1), height: height.max(1), depth_or_array_layers: 1 },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: DEPTH_FORMAT,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+        view_formats: &[],
+    })
+}
+
+fn depth_bytes([width, height]: [u32; 2]) -> u64 {
+    4 * u64::from(width) * u64::from(height)
 }
 
 /// The bind groups of triangles, with what their corners carry: one for each part.

@@ -31,6 +31,9 @@ const PLAIN = vec3<f32>(0.76, 0.74, 0.70);
 const EDGE = vec3<f32>(0.02, 0.05, 0.12);
 const EDGE_WIDTH = 0.6;
 
+// Whether the device itself turns parts of light into what is stored.
+override is_turned_by_device: bool = false;
+
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<uniform> level_colours: array<vec4<f32>, 64>;
 @group(0) @binding(2) var textures: texture_2d_array<f32>;
@@ -109,6 +112,9 @@ fn corner(@builtin(vertex_index) index: u32) -> Seen {
 
 fn stored(light: vec3<f32>) -> vec3<f32> {
     let linear = clamp(light, vec3<f32>(0.0), vec3<f32>(1.0));
+    if is_turned_by_device {
+        return linear;
+    }
     let curved = 1.055 * pow(linear, vec3<f32>(1.0 / 2.4)) - 0.055;
     return select(curved, 12.92 * linear, linear <= vec3<f32>(0.0031308));
 }
@@ -148,4 +154,19 @@ fn line_end(@location(0) position: vec3<f32>, @location(1) colour: vec4<f32>) ->
 @fragment
 fn line(line: Line) -> @location(0) vec4<f32> {
     return vec4<f32>(stored(line.colour.xyz), 1.0);
+}
+
+// All of a view's part of the picture, behind everything.
+@vertex
+fn cover_corner(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
+    return vec4<f32>(f32(index % 2u) * 4.0 - 1.0, f32(index / 2u) * 4.0 - 1.0, 0.0, 1.0);
+}
+
+@fragment
+fn cover() -> @location(0) vec4<f32> {
+    let background = vec3<f32>(30.0, 32.0, 38.0) / 255.0;
+    if is_turned_by_device {
+        return vec4<f32>(light_of(background), 1.0);
+    }
+    return vec4<f32>(background, 1.0);
 }
