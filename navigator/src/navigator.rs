@@ -62,7 +62,8 @@ const FRAMES_TO_CLEAR: u32 = 8;
 const STARVED_FRAMES: u32 = 2 * HOLD_FRAMES;
 /// Most splits and collapses in a frame, if nothing else is said: they take 5 to 10 ms.
 pub const MAX_ADAPTS: u64 = 16_000;
-/// Most triangles, and most vertices, that a frame moves to gaps in their lists.
+/// Most triangles, and most vertices, that a frame moves to gaps in their lists; while the camera moves, no more than there are
+/// changes, so that what is sent to a graphics card for it stays in proportion.
 const GAPS_CLOSED: usize = 512;
 /// How many frames ahead pages are prefetched.
 const FRAMES_AHEAD: f64 = 16.0;
@@ -476,7 +477,8 @@ impl Navigator {
         self.wish_ahead(&view, threshold)?;
         let has_wishes = self.paging.end_frame();
         self.check_failure()?;
-        self.front.close_gaps(GAPS_CLOSED);
+        let changes = (statistics.splits + statistics.collapses) as usize;
+        self.front.close_gaps(if is_standing { GAPS_CLOSED } else { GAPS_CLOSED.min(changes) });
 
         statistics.requests = statistics.splits + statistics.collapses + statistics.misses;
         if statistics.splits + statistics.collapses > 0 {

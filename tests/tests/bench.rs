@@ -601,7 +601,7 @@ fn pictures_against_the_full_mesh() {
             assert!(whole(share, "good") <= whole(share, "points") && float(share, "percent") >= 99.9, "{row}");
         }
         assert!(whole(&likeness["front_to_full"], "points") > 1000, "{row}");
-        assert_eq!(["holes", "open_sides"].map(|key| whole(likeness, key)), [0; 2], "{row}");
+        assert_eq!(["holes", "pinholes", "open_sides"].map(|key| whole(likeness, key)), [0; 3], "{row}");
     }
     // Eight points are too much to be taken for one.
     let coarse = place.json(&format!("{bench} --pixels 8"));
@@ -614,7 +614,7 @@ fn pictures_against_the_full_mesh() {
     for row in streets["rows"].as_array().unwrap() {
         let likeness = &row["likeness"];
         assert_eq!(float(&likeness["full_to_front"], "percent"), 100.0, "{row}");
-        assert_eq!(["holes", "open_sides"].map(|key| whole(likeness, key)), [0; 2], "{row}");
+        assert_eq!(["holes", "pinholes", "open_sides"].map(|key| whole(likeness, key)), [0; 3], "{row}");
         let is_two_sided = row["model"] == "streets.vdt";
         assert!(!is_two_sided || float(&likeness["front_to_full"], "percent") == 100.0, "{row}");
     }
@@ -643,7 +643,7 @@ fn pictures_of_a_cold_start() {
     assert_eq!(frames, [1, 10, 100].repeat(4));
     for row in rows {
         let likeness = &row["likeness"];
-        assert_eq!(["holes", "cracks", "open_sides"].map(|key| whole(likeness, key)), [0; 3], "{row}");
+        assert_eq!(["holes", "cracks", "pinholes", "open_sides"].map(|key| whole(likeness, key)), [0; 4], "{row}");
     }
     for start in rows.chunks(3) {
         assert!(whole(&start[0], "misses") > 0 && whole(&start[1], "misses") > 0, "{document}");

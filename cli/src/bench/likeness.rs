@@ -16,6 +16,9 @@
 //!   [`MOST_LOOKED_AT`] points are looked at so.
 //! - *Cracks.* A point that is seen through, hole or not, is in a crack where the front is nearer on both of two opposite sides,
 //!   a point or two away: where it is thin.
+//! - *Pinholes.* A point whose front is nearer on both of two opposite sides, by more than [`THIN_STEP`] footprints, whatever the full
+//!   mesh is like, though the front, drawn [`FINEST`] times as fine within the point, is nowhere as deep: what the drawing has
+//!   left open between triangles. Of many such points [`MOST_LOOKED_AT`] are looked at.
 //!
 //! Memory: 4 bytes for each point of each picture. Time: a microsecond or so for each point on each way.
 
@@ -41,6 +44,8 @@ const FINEST: f64 = 32.0;
 const FINE_SIZE: f64 = 1024.0;
 /// For so many points of a picture.
 const MOST_LOOKED_AT: usize = 500;
+/// What is nearer by so many footprints is another surface, or another part of it.
+const THIN_STEP: f64 = 2.0;
 /// Of how many points that are seen through the place is told.
 const MOST_TOLD: usize = 20;
 
@@ -91,6 +96,8 @@ pub struct Likeness {
     pub near: [Share; 2],
     /// Points of the outline that are at the other one.
     pub outline: [Share; 2],
+    /// Points that may be holes: those in which the full mesh is seen, with all of the reach in the picture.
+    pub looked_at: u64,
     /// Points in which the full mesh is seen, well within its outline, and the front is not.
     pub holes: u64,
     /// Those in which something behind is seen.
@@ -99,6 +106,8 @@ pub struct Likeness {
     pub cracks: u64,
     /// Points that are none of these because the full mesh has a chink there that is thinner than a point.
     pub chinks: u64,
+    /// Points that the drawing has left open between triangles.
+    pub pinholes: u64,
     /// Where the first of those are that are seen through or holes: columns and rows.
     pub gaps_at: Vec<[u32; 2]>,
 }
@@ -125,9 +134,11 @@ impl Likeness {
         // With more reach there is no point that has all of it in the picture.
         let half = 0.5 * f64::from(seen.width.min(seen.height));
         let hidden = Hidden { projection, front: &seen, full: &all, reach, offsets: disc(reach.min(half)) };
+        likeness.looked_at = hidden.looked_at();
+        likeness.pinholes = hidden.pinholes(front.buffers, threads);
         let gaps: Vec<Gap> = by_rows(&seen, threads, |_: &mut (), row| hidden.in_row(row)).concat();
         for (number, gap) in gaps.iter().enumerate() {
-            if number < MOST_LOOKED_AT && hidden.is_chink(gap, full.buffers) {
+            if number < MOST_LOOKED_AT && hidden.is_as_deep_nearby(gap, full.buffers, reach, reach) {
                 likeness.chinks += 1;
                 continue;
             }
@@ -246,22 +257,43 @@ struct Hidden<'a> {
 }
 
 impl Hidden<'_> {
+    /// The points of a row with all of the reach in the picture: their columns and both depths.
+    fn inner(&self, row: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
+        let border = self.border();
+        let is_inner = row >= border && row + border < self.front.height as usize;
+        let columns = if is_inner { border..(self.front.width as usize).saturating_sub(border) } else { 0..0 };
+        let (seen, full) = (self.front.row(row), self.full.row(row));
+        columns.map(|column| (column, seen[column].into(), full[column].into()))
+    }
+
+    fn looked_at(&self) -> u64 {
+        let in_row = |row| self.inner(row).filter(|(.., full)| full.is_finite()).count() as u64;
+        (0..self.front.height as usize).map(in_row).sum()
+    }
+
     /// The points of a row in which the front is seen through.
     fn in_row(&self, row: usize) -> Vec<Gap> {
         let mut gaps = Vec::new();
-        let (border, all) = (self.border(), self.front.row(row).len());
-        if row < border || row + border >= self.front.height as usize {
-            return gaps;
-        }
-        let depths = self.front.row(row).iter().zip(self.full.row(row)).enumerate();
-        for (column, (seen, full)) in depths.take(all.saturating_sub(border)).skip(border) {
-            let (seen, place) = (f64::from(*seen), (column as i64, row as i64));
-            if full.is_finite() && self.is_beyond(seen, (*full).into()) && self.is_seen_through(seen, place) {
-                let is_thin = self.is_thin(seen, place);
+        for (column, seen, full) in self.inner(row) {
+            let place = (column as i64, row as i64);
+            if full.is_finite() && self.is_beyond(seen, full, self.reach) && self.is_seen_through(seen, place) {
+                let is_thin = self.is_thin(seen, place, self.reach);
                 gaps.push(Gap { column: column as u32, row: row as u32, seen, is_thin });
             }
         }
         gaps
+    }
+
+    /// The points that are open only as they are drawn.
+    fn pinholes(&self, front: Buffers<'_>, threads: usize) -> u64 {
+        let thin: Vec<Vec<Gap>> = by_rows(self.front, threads, |_: &mut (), row| {
+            let columns = (0..).zip(self.front.row(row)).map(|(column, seen)| (column, f64::from(*seen)));
+            let thin = columns.filter(|(column, seen)| self.is_thin(*seen, (*column, row as i64), THIN_STEP));
+            thin.map(|(column, seen)| Gap { column: column as u32, row: row as u32, seen, is_thin: true }).collect()
+        });
+        let thin: Vec<Gap> = thin.concat();
+        let some = thin.iter().step_by(thin.len().div_ceil(MOST_LOOKED_AT).max(1));
+        some.filter(|gap| !self.is_as_deep_nearby(gap, front, 0.5, THIN_STEP)).count() as u64
     }
 
     /// How near the border of the picture nothing is said, in points.
@@ -269,36 +301,39 @@ impl Hidden<'_> {
         self.reach as usize
     }
 
-    /// Whether the full mesh, drawn finer, is as deep somewhere within the reach of a point.
-    fn is_chink(&self, gap: &Gap, full: Buffers<'_>) -> bool {
-        let points = 2.0 * self.reach.floor() + 1.0;
-        let size = (points * FINEST).min(FINE_SIZE).round();
+    /// Whether something, drawn finer, is as deep somewhere within a distance of a point, but for so many footprints.
+    fn is_as_deep_nearby(&self, gap: &Gap, drawn: Buffers<'_>, within: f64, footprints: f64) -> bool {
+        let points = 2.0 * within.floor() + 1.0;
+        // The middle of the point itself is the middle of one of the finer ones.
+        let size = 2.0 * ((points * FINEST).min(FINE_SIZE) / 2.0).round() + 1.0;
         let mut fine = Picture::new(size as u32, size as u32);
-        draw(&mut fine, &self.projection.part(gap.column, gap.row, points), full, false);
+        draw(&mut fine, &self.projection.part(gap.column, gap.row, points), drawn, false);
         let fine = Depths::of(&fine);
         let middle = 0.5 * (size - 1.0);
         let is_within = |place: usize| {
             let (across, down) = ((place % size as usize) as f64 - middle, (place / size as usize) as f64 - middle);
-            across.hypot(down) * points / size <= self.reach
+            across.hypot(down) * points / size <= within
         };
-        let is_as_deep = |depth: &f32| !self.is_beyond(gap.seen, (*depth).into());
+        let is_as_deep = |depth: &f32| !self.is_beyond(gap.seen, (*depth).into(), footprints);
         fine.depths.iter().enumerate().any(|(place, depth)| is_as_deep(depth) && is_within(place))
     }
 
-    /// Whether a depth is beyond another one by more than what the front may be off.
-    fn is_beyond(&self, depth: f64, other: f64) -> bool {
-        depth > other + self.reach * self.projection.point_height(other)
+    /// Whether a depth is beyond another one by more than so many footprints.
+    fn is_beyond(&self, depth: f64, other: f64, footprints: f64) -> bool {
+        depth > other + footprints * self.projection.point_height(other)
     }
 
     fn is_seen_through(&self, seen: f64, (column, row): (i64, i64)) -> bool {
         self.offsets.iter().all(|(across, down)| {
-            self.full.at(column + across, row + down).is_some_and(|depth| self.is_beyond(seen, depth))
+            self.full.at(column + across, row + down).is_some_and(|depth| self.is_beyond(seen, depth, self.reach))
         })
     }
 
-    fn is_thin(&self, seen: f64, (column, row): (i64, i64)) -> bool {
+    /// Whether the front is nearer on both of two opposite sides of a point, by more than so many footprints.
+    fn is_thin(&self, seen: f64, (column, row): (i64, i64), footprints: f64) -> bool {
         let is_nearer = |across: i64, down: i64| {
-            self.front.at(column + across, row + down).is_some_and(|depth| self.is_beyond(seen, depth))
+            let depth = self.front.at(column + across, row + down);
+            depth.is_some_and(|depth| self.is_beyond(seen, depth, footprints))
         };
         ACROSS.iter().any(|(across, down)| {
             [1, -1].iter().all(|side| (1..=CRACK_REACH).any(|far| is_nearer(side * far * across, side * far * down)))
@@ -359,9 +394,9 @@ mod tests {
     }
 
     fn is_perfect(likeness: &Likeness) -> bool {
-        let Likeness { near, outline, holes, seen_through, cracks, chinks, .. } = likeness;
+        let Likeness { near, outline, holes, seen_through, cracks, chinks, pinholes, .. } = likeness;
         near.iter().chain(outline).all(|share| share.all > 0 && share.good == share.all)
-            && holes + seen_through + cracks + chinks == 0
+            && holes + seen_through + cracks + chinks + pinholes == 0
     }
 
     #[test]
@@ -408,6 +443,35 @@ mod tests {
         let [front, full] = [front, board(0.0)].map(|top| [top, below.clone()].concat());
         let holed = likeness(&front, &full);
         assert!(holed.holes == 0 && (40..60).contains(&holed.seen_through), "{holed:?}");
+        // It is in the mesh, not in the drawing.
+        assert_eq!(holed.pinholes, 0);
+    }
+
+    /// A picture from which a line of points was lost, of a mesh that is whole.
+    #[test]
+    fn what_the_drawing_leaves_open_is_found() {
+        let (vertices, triangles) = streams(&board(0.0));
+        let whole = Buffers { vertices: &vertices, morphs: &[], triangles: &triangles };
+        let lost: Vec<_> = board(0.0)
+            .into_iter()
+            .map(|corners| {
+                corners.map(|[x, y, z]| [if corners.iter().all(|[x, ..]| *x <= 0.0) { x - 0.1 } else { x }, y, z])
+            })
+            .collect();
+        let (lost_vertices, lost_triangles) = streams(&lost);
+        let lost_buffers = Buffers { vertices: &lost_vertices, morphs: &[], triangles: &lost_triangles };
+        let mut picture = Picture::new(WIDTH, HEIGHT);
+        draw(&mut picture, &projection(), lost_buffers, false);
+        let surface = Surface::new(board(0.0).into_iter());
+        let pinholes = |buffers: Buffers<'_>| {
+            let side = Side { picture: &picture, buffers, surface: &surface };
+            // With the reach of a cold start: of holes nothing can be said.
+            let likeness = Likeness::of(&projection(), side, side, 1e6, 2);
+            assert_eq!((likeness.looked_at, likeness.holes), (0, 0));
+            likeness.pinholes
+        };
+        assert!(pinholes(whole) >= 76, "{}", pinholes(whole));
+        assert_eq!(pinholes(lost_buffers), 0);
     }
 
     #[test]

@@ -5,8 +5,9 @@
 //! crack, and [`open_sides`](super::open_sides) for the sides that are open.
 //!
 //! With `--cold` each camera stands still from a start with nothing read, and pictures are looked at while pages are missing. They
-//! are coarser; a hole is then only what is farther from the outline than the error that is drawn. Whether the mesh is closed where
-//! it should be is exact all the same.
+//! are coarser; a hole is then only what is farther from the outline than the error that is drawn, and where that is more than the
+//! picture, nothing is said of holes. Whether the mesh is closed where it should be is exact all the same, and whether it is drawn so
+//! does not depend on the error.
 //!
 //! The full mesh, its triangles by place and both pictures are in RAM beside the front: about 100 bytes for each triangle.
 
@@ -37,7 +38,7 @@ use crate::compare::available_threads;
 use crate::extract::MOST_FRAMES;
 use crate::output::grouped;
 use crate::progress::Progress;
-use crate::table::Table;
+use crate::table::{Table, UNKNOWN};
 
 /// How much of the surface and of the outlines is to be near, in percent.
 const GOAL_PERCENT: f64 = 99.9;
@@ -142,7 +143,8 @@ impl Total {
     fn of(rows: &[Row]) -> Self {
         let mut total = Total { least: [100.0; 4], ..Total::default() };
         for row in rows {
-            let Likeness { near, outline, holes, seen_through, cracks, chinks, .. } = &row.likeness;
+            let Likeness { near, outline, holes, seen_through, cracks, chinks, pinholes, looked_at, .. } =
+                &row.likeness;
             for side in 0..2 {
                 total.likeness.near[side].add(near[side]);
                 total.likeness.outline[side].add(outline[side]);
@@ -151,6 +153,8 @@ impl Total {
             total.likeness.seen_through += seen_through;
             total.likeness.cracks += cracks;
             total.likeness.chinks += chinks;
+            total.likeness.pinholes += pinholes;
+            total.likeness.looked_at += looked_at;
             total.open_sides += row.open_sides;
             for (least, share) in total.least.iter_mut().zip(shares(&row.likeness)) {
                 *least = least.min(share.percent());
@@ -160,7 +164,7 @@ impl Total {
     }
 
     fn has_gaps(&self) -> bool {
-        self.likeness.holes + self.likeness.cracks + self.open_sides > 0
+        self.likeness.holes + self.likeness.cracks + self.likeness.pinholes + self.open_sides > 0
     }
 }
 
@@ -329,13 +333,16 @@ fn table(rows: &[Row], total: &Total) -> Table {
         "through",
         "cracks",
         "chinks",
+        "pinholes",
         "open",
     ]);
     let mut line = |names: [String; 4], likeness: &Likeness, open_sides: u64, percents: [f64; 4]| {
         let [near, back, outline, outline_back] = percents.map(percent);
         let worst = likeness.near.map(|share| distance(share.worst));
         let [worst, back_worst] = worst;
-        let counts = [likeness.holes, likeness.seen_through, likeness.cracks, likeness.chinks, open_sides].map(grouped);
+        let counts =
+            [likeness.holes, likeness.seen_through, likeness.cracks, likeness.chinks, likeness.pinholes, open_sides]
+                .map(grouped);
         let shares = [near, worst, back, back_worst, outline, outline_back];
         table.line(names.into_iter().chain(shares).chain(counts).collect());
     };
@@ -366,23 +373,23 @@ fn cold_table(rows: &[Row]) -> Table {
         "through",
         "cracks",
         "chinks",
+        "pinholes",
         "open",
     ]);
     for row in rows {
-        let Likeness { holes, seen_through, cracks, chinks, .. } = row.likeness;
-        table.line(vec![
+        let likeness = &row.likeness;
+        let found = [likeness.holes, likeness.seen_through, likeness.cracks, likeness.chinks];
+        let found = found.map(|count| if likeness.looked_at > 0 { grouped(count) } else { UNKNOWN.into() });
+        let before = [
             row.model.clone(),
             row.viewpoint.clone(),
             row.cold_frame.map_or_else(String::new, |frame| frame.to_string()),
             grouped(row.statistics.triangles),
             format!("{:.2}", row.statistics.pixels_drawn),
             grouped(row.statistics.misses),
-            grouped(holes),
-            grouped(seen_through),
-            grouped(cracks),
-            grouped(chinks),
-            grouped(row.open_sides),
-        ]);
+        ];
+        let always = [likeness.pinholes, row.open_sides].map(grouped);
+        table.line(before.into_iter().chain(found).chain(always).collect());
     }
     table
 }
@@ -392,7 +399,7 @@ fn explanation(options: &PicturesBenchOptions, heading: &str) -> String {
     let columns = if options.cold {
         format!(
             "misses: nodes that wait for a page; each read takes {} ms more. Holes are farther from the outline of the full mesh\n\
-             than {HOLE_REACH} points and the error drawn (pixels).",
+             than {HOLE_REACH} points and the error drawn (pixels); where that is not within the picture, nothing is said.",
             options.delay
         )
     } else {
@@ -405,8 +412,8 @@ fn explanation(options: &PicturesBenchOptions, heading: &str) -> String {
     format!(
         "Pictures of {width}x{height} points at {} pixel(s), {heading}, with {} of RAM for the front.\n{columns}\n\
          through: points in which something behind is seen; cracks: those of both that are thin; chinks: those that\n\
-         are none of them, since the full mesh has one there, thinner than a point. open: sides of triangles that are open and\n\
-         should not be, or the reverse, seen or not. {}.",
+         are none of them, since the full mesh has one there, thinner than a point; pinholes: what the drawing leaves open between\n\
+         triangles. open: sides of triangles that are open and should not be, or the reverse, seen or not. {}.",
         options.picture.pixels,
         options.memory,
         Machine::this().text(),
@@ -420,7 +427,7 @@ fn share_json(share: &Share) -> Value {
 }
 
 fn likeness_json(likeness: &Likeness, open_sides: u64) -> Value {
-    let Likeness { near, outline, holes, seen_through, cracks, chinks, gaps_at } = likeness;
+    let Likeness { near, outline, holes, seen_through, cracks, chinks, pinholes, looked_at, gaps_at } = likeness;
     json!({
         "front_to_full": share_json(&near[0]),
         "full_to_front": share_json(&near[1]),
@@ -430,6 +437,8 @@ fn likeness_json(likeness: &Likeness, open_sides: u64) -> Value {
         "seen_through": seen_through,
         "cracks": cracks,
         "chinks": chinks,
+        "pinholes": pinholes,
+        "hole_points_looked_at": looked_at,
         "gaps_at": gaps_at,
         "open_sides": open_sides,
     })
