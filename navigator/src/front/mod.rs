@@ -35,8 +35,8 @@
 //! changes there, which stands in groups of eight vertices, so that a whole front is judged in one stream.
 //!
 //! Memory: [`VERTEX_BYTES`] = 106 for each vertex, 68 for each line of its star, and 12 for each triangle; 4 for each tree;
-//! and what [`morphs`] and [`wedges`] say. Time: a
-//! split or a collapse looks at some 30 cache lines, which are fetched ahead ([`ahead`]).
+//! and what [`morphs`] and [`wedges`] say. Time: a split or a collapse looks at some 30 cache lines, which are fetched ahead
+//! ([`ahead`]).
 
 mod ahead;
 mod changes;

@@ -11,11 +11,11 @@
 //!
 //! Of each vertex, no corner there has a number below the least of its wedges; and what was born from a vertex has none that is not
 //! above the least there. [`Front::wedges_that_fit`] sees to that before a split. So every corner finds its wedge, whatever the pages
-//! say. (A wedge that another one of the same leaf stands before, with the same number, may be hidden by that.)
+//! say.
 //!
-//! Memory: without seams 20 bytes for each vertex, and no more notes of what changed than of the vertices. With seams 4 bytes for
-//! each vertex, 28 and three bits for each slot, and 24 for each triangle. Time: with seams, a list of wedges is gone through for each corner that moves;
-//! nearly all have one or two, none more than 1,023.
+//! Memory: without seams 20 bytes for each vertex. With seams 4 for each vertex, 28 and two bits for each slot, and 24 for each
+//! triangle. Time: with seams, a list of wedges is gone through for each corner that moves; nearly all have one or two, none more
+//! than 1,023.
 
 use bytemuck::{Pod, Zeroable};
 use metanode::appearance::ModelAppearance;
@@ -38,7 +38,7 @@ pub struct DrawnWedge {
     pub texture: [f32; 2],
     /// Which material the surface is of: its number among those of the model, counted from 1; 0: none.
     pub material: u32,
-    /// The word of the normal ([`metanode::page::Normal`]): of the one that was given, or else of that of the vertex.
+    /// The word of the normal ([`metanode::page::Normal`]): the given one, or that of the vertex where none are given.
     pub normal: u32,
 }
 
