@@ -430,7 +430,7 @@ impl Navigator {
         }
         statistics.triangles = self.front.triangle_count() as u64;
         statistics.vertices = self.front.vertex_count() as u64;
-        statistics.morphs = self.front.morphs().map_or(0, |morphs| morphs.under_way() as u64);
+        statistics.morphs = self.front.under_way() as u64;
         statistics.pages_in_use = self.paging.in_use() as u64;
         let counters = self.paging.pool().counters();
         statistics.pool = counters - self.pool_counters;

@@ -456,6 +456,11 @@ impl Front {
         self.wedges.as_ref().map(|wedges| wedges.seams().map_or(&self.changes, |seams| seams.changes()))
     }
 
+    /// How many vertices are on their way.
+    pub fn under_way(&self) -> usize {
+        self.morphs.as_ref().map_or(0, |morphs| morphs.under_way(&self.numbers))
+    }
+
     /// All vertices that are on their way go a step on.
     pub fn step_morphs(&mut self) {
         if let Some(morphs) = &mut self.morphs {
