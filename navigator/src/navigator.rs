@@ -478,7 +478,7 @@ impl Navigator {
         let has_wishes = self.paging.end_frame();
         self.check_failure()?;
         let changes = (statistics.splits + statistics.collapses) as usize;
-        self.front.close_gaps(if is_standing { GAPS_CLOSED } else { GAPS_CLOSED.min(changes) });
+        self.front.close_gaps(if stands_still { GAPS_CLOSED } else { GAPS_CLOSED.min(changes) });
 
         statistics.requests = statistics.splits + statistics.collapses + statistics.misses;
         if statistics.splits + statistics.collapses > 0 {
@@ -486,7 +486,7 @@ impl Navigator {
         }
         statistics.triangles = self.front.triangle_count() as u64;
         statistics.vertices = self.front.vertex_count() as u64;
-        statistics.morphs = self.front.morphs().map_or(0, |morphs| morphs.under_way() as u64);
+        statistics.morphs = self.front.under_way() as u64;
         statistics.pages_in_use = self.paging.in_use() as u64;
         let counters = self.paging.pool().counters();
         statistics.pool = counters - self.pool_counters;

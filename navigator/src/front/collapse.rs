@@ -1,7 +1,6 @@
 //! Undoing a split.
 
-use super::wedges::Wedges;
-use super::{Birth, Front, Links, NONE, Span, Vertex};
+use super::{Birth, Entry, Front, Links, NONE, Span, Vertex};
 
 impl Front {
     /// Collapses the two children of the node whose split bore `born`, which can be undone. `page` is the number of the page that
@@ -13,15 +12,12 @@ impl Front {
         let Birth { kept: vertex, previous, slot, id, moved_by, radius, switch, cone } = birth;
         let kept = vertex as usize;
 
-        if let Some(seams) = self.wedges.as_mut().and_then(Wedges::seams_mut) {
-            for entry in self.stars.corners(born_star) {
-                let triangle = entry.triangle();
-                if self.triangles.corners(triangle).contains(&vertex) {
-                    seams.remove_triangle(triangle);
-                } else {
-                    seams.move_corner(triangle, entry.place(), vertex);
-                }
-            }
+        if let Some(wedges) = &mut self.wedges {
+            let triangles = &self.triangles;
+            let is_dead = |entry: &Entry| triangles.corners(entry.triangle()).contains(&vertex);
+            wedges.remove_triangles(self.stars.corners(born_star).filter(is_dead));
+            wedges.move_corners(self.stars.corners(born_star).filter(|entry| !is_dead(entry)), vertex);
+            wedges.release(born);
         }
         let mut star = self.vertices[kept].links.star;
         let mut dead = 0;
@@ -55,9 +51,6 @@ impl Front {
         let above = self.vertices[kept].birth.kept;
         if previous == NONE && above != NONE && self.vertices[above as usize].links.last == vertex {
             self.set_collapse(above, vertex);
-        }
-        if let Some(wedges) = &mut self.wedges {
-            wedges.release(born);
         }
         self.vacate(born);
     }

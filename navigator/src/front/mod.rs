@@ -25,14 +25,18 @@
 //! in proportion to the mesh. Collapsing p removes the triangles that have both children for corners, and moves all other corners
 //! to p.
 //!
+//! Where it is asked for, the front also has where vertices come from that are on their way ([`morphs`]), and what corners carry
+//! besides positions ([`wedges`]).
+//!
 //! All lists are allocated once and never grow. Nothing that comes from a page is trusted: what does not fit is a [`Misfit`],
 //! found before anything is changed ([`prepare`]).
 //!
 //! What belongs to a vertex is one cache line, but for its position, which a renderer takes as it is, and for what decides about
 //! changes there, which stands in groups of eight vertices, so that a whole front is judged in one stream.
 //!
-//! Memory: [`VERTEX_BYTES`] = 106 for each vertex, 68 for each line of its star, and 12 for each triangle; 4 for each tree. Time: a
-//! split or a collapse looks at some 30 cache lines, which are fetched ahead ([`ahead`]).
+//! Memory: [`VERTEX_BYTES`] = 106 for each vertex, 68 for each line of its star, and 12 for each triangle; 4 for each tree;
+//! and what [`morphs`] and [`wedges`] say. Time: a split or a collapse looks at some 30 cache lines, which are fetched ahead
+//! ([`ahead`]).
 
 mod ahead;
 mod changes;
@@ -450,6 +454,11 @@ impl Front {
     /// Which wedges have changed, see [`Wedges::stream`]: without seams those of new vertices.
     pub fn changed_wedges(&self) -> Option<&Changes> {
         self.wedges.as_ref().map(|wedges| wedges.seams().map_or(&self.changes, |seams| seams.changes()))
+    }
+
+    /// How many vertices are on their way.
+    pub fn under_way(&self) -> usize {
+        self.morphs.as_ref().map_or(0, |morphs| morphs.under_way(&self.numbers))
     }
 
     /// All vertices that are on their way go a step on.

@@ -61,9 +61,9 @@ impl Morphs {
         self.changes.clear();
     }
 
-    /// Vertices that are on their way; some of them may be gone.
-    pub fn under_way(&self) -> usize {
-        self.under_way.len()
+    /// Vertices that are on their way.
+    pub fn under_way(&self, numbers: &Numbers) -> usize {
+        self.under_way.iter().filter(|vertex| numbers.is_used(**vertex)).count()
     }
 
     /// So many places.

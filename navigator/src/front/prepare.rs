@@ -3,6 +3,7 @@
 use metanode::page::{ChildEntry, Page, Record, Target};
 use thiserror::Error;
 
+use super::wedges::Wedges;
 use super::{Corner, Front, NONE, Span, Vertex};
 
 /// A page that cannot belong to this model: what in it does not fit to what is known from its ancestors.
@@ -85,7 +86,10 @@ impl Front {
             Some(Target::SamePage { .. }) => page.number(),
             Some(Target::ChildPage { child, .. }) => page.child_number(child),
         };
-        let born_wedges = self.wedges_that_fit(vertex, middle, page, index).map_err(misfit)?;
+        let born_wedges = match self.wedges.as_ref().and_then(Wedges::seams) {
+            Some(seams) => self.wedges_that_fit(seams, vertex, middle, page).map_err(misfit)?,
+            None => 0,
+        };
         let (kept_page, born_page) = (page_of(record.kept), page_of(record.born));
         Ok(Prepared { vertex, record, kept_page, born_page, born_wedges })
     }

@@ -37,16 +37,11 @@ impl Front {
         let kept_moved_by = if born_star == NONE { id } else { moved_by };
         if let Some(wedges) = &mut self.wedges {
             wedges.bear(born as u32, vertex, page.wedges(index), record.normal.to_word());
+            wedges.move_corners(self.stars.corners(born_star), born as u32);
         }
         let mut seams = self.wedges.as_mut().and_then(Wedges::seams_mut);
-        let mut corner_wedges = seams.is_some().then(|| page.corner_wedges(index)).into_iter().flatten();
-        if let Some(seams) = &mut seams {
-            for entry in self.stars.corners(born_star) {
-                seams.move_corner(entry.triangle(), entry.place(), born as u32);
-            }
-        }
 
-        for (leaves, third) in page.triangles(index).zip(&self.thirds) {
+        for (number, (leaves, third)) in page.triangles(index).zip(&self.thirds).enumerate() {
             let inside = middle <= leaves[1] && leaves[1] < end;
             let (corners, born_place, third_place) = if inside {
                 ([vertex, born as u32, third.vertex], 1, 2)
@@ -56,7 +51,7 @@ impl Front {
             let triangle = self.triangles.add(corners, near);
             if let Some(seams) = &mut seams {
                 seams.resize_triangles(self.triangles.list().len());
-                seams.add_triangle(triangle, corners, corner_wedges.next().unwrap_or_default());
+                seams.add_triangle(triangle, corners, page.corner_wedges(index).nth(number));
             }
             let entry = |place: usize| Entry { corner: triangle << 2 | place as u32, leaf: leaves[place] };
             self.stars.push(&mut kept_star, entry(0));

@@ -139,6 +139,27 @@ fn gaps_are_closed() {
     assert_eq!((front.vertex_count(), front.triangle_count()), (vertices, triangles));
 }
 
+/// A split that was undone in the same frame, as of a wish that could not come true, once counted as a vertex on its way. With such a
+/// wish in every frame, a camera that stood still never had its picture finished.
+#[test]
+fn what_is_undone_is_not_on_its_way() {
+    let (model, page) = one_page(testing::Mesh::grid(7, 6, 3), 1);
+    let header = *model.header();
+    let (vertices, triangles) = (header.leaf_count as usize, header.triangle_count as usize);
+    let capacity = Capacity { vertices, triangles, lines: 3 * triangles + 10, born_triangles: 100, wedges: 0 };
+    let mut front = Front::new(model.roots(), header.leaf_count, capacity).with_morphs(3);
+    let prepared = front.prepare(0, &page).unwrap();
+    let born = front.split(&prepared, &page, 0);
+    assert_eq!(front.under_way(), 1);
+    front.collapse(born, page.number());
+    assert_eq!(front.under_way(), 0);
+    // What gets its number is.
+    let prepared = front.prepare(0, &page).unwrap();
+    assert_eq!((front.split(&prepared, &page, 0), front.under_way()), (born, 1));
+    (0..3).for_each(|_| front.step_morphs());
+    assert_eq!(front.under_way(), 0);
+}
+
 /// There is room for a split as long as there are slots for its wedges.
 #[test]
 fn slots_are_counted() {

@@ -11,11 +11,11 @@
 //!
 //! Of each vertex, no corner there has a number below the least of its wedges; and what was born from a vertex has none that is not
 //! above the least there. [`Front::wedges_that_fit`] sees to that before a split. So every corner finds its wedge, whatever the pages
-//! say. (A wedge that another one of the same leaf stands before, with the same number, may be hidden by that.)
+//! say.
 //!
-//! Memory: without seams 20 bytes for each vertex, and no more notes of what changed than of the vertices. With seams 4 bytes for
-//! each vertex, 28 and three bits for each slot, and 24 for each triangle. Time: with seams, a list of wedges is gone through for each corner that moves;
-//! nearly all have one or two, none more than 1,023.
+//! Memory: without seams 20 bytes for each vertex. With seams 4 for each vertex, 28 and two bits for each slot, and 24 for each
+//! triangle. Time: with seams, a list of wedges is gone through for each corner that moves; nearly all have one or two, none more
+//! than 1,023.
 
 use bytemuck::{Pod, Zeroable};
 use metanode::appearance::ModelAppearance;
@@ -26,7 +26,7 @@ use storage::prefetch::prefetch;
 
 use super::changes::Changes;
 use super::numbers::Numbers;
-use super::{CHUNK, Capacity, Front, NONE, list};
+use super::{CHUNK, Capacity, Entry, Front, NONE, list};
 
 /// What a corner of the drawn mesh carries besides its position.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
@@ -38,7 +38,7 @@ pub struct DrawnWedge {
     pub texture: [f32; 2],
     /// Which material the surface is of: its number among those of the model, counted from 1; 0: none.
     pub material: u32,
-    /// The word of the normal ([`metanode::page::Normal`]): of the one that was given, or else of that of the vertex.
+    /// The word of the normal ([`metanode::page::Normal`]): the given one, or that of the vertex where none are given.
     pub normal: u32,
 }
 
@@ -189,6 +189,7 @@ impl Wedges {
     }
 
     /// A new vertex, with this normal, gets its wedges, at best beside those of the vertex `near`. There is room for them.
+    #[inline(never)] // Like what follows: so the code of splits and collapses without attributes stays short.
     pub fn bear(&mut self, vertex: u32, near: u32, wedges: impl Iterator<Item = PlacedWedge>, normal: u32) {
         let mut last = NONE;
         for placed in wedges {
@@ -202,6 +203,25 @@ impl Wedges {
                 }
             };
             self.stream[place as usize] = drawn;
+        }
+    }
+
+    /// Corners of triangles are at another vertex.
+    #[inline(never)]
+    pub fn move_corners(&mut self, corners: impl Iterator<Item = Entry>, vertex: u32) {
+        if let Some(seams) = &mut self.seams {
+            for entry in corners {
+                let (triangle, place) = (entry.triangle(), entry.place());
+                seams.corners[triangle as usize][place] = seams.find(vertex, seams.source(triangle, place));
+            }
+        }
+    }
+
+    /// Triangles that have these corners are gone.
+    #[inline(never)]
+    pub fn remove_triangles(&mut self, corners: impl Iterator<Item = Entry>) {
+        if let Some(seams) = &mut self.seams {
+            corners.for_each(|entry| seams.corners[entry.triangle() as usize] = [0; 3]);
         }
     }
 
@@ -328,22 +348,12 @@ impl Seams {
         }
     }
 
-    /// A triangle is there, with these vertices and these wedges in the input.
-    pub fn add_triangle(&mut self, triangle: u32, vertices: [u32; 3], sources: [u32; 3]) {
+    /// A triangle is there, with these vertices and these wedges in the input, which pages of models with seams have for each.
+    #[inline(never)]
+    pub fn add_triangle(&mut self, triangle: u32, vertices: [u32; 3], sources: Option<[u32; 3]>) {
+        let sources = sources.unwrap_or_default();
         self.sources[triangle as usize] = sources;
         self.corners[triangle as usize] = [0, 1, 2].map(|place: usize| self.find(vertices[place], sources[place]));
-    }
-
-    /// A corner of a triangle is at another vertex.
-    #[inline]
-    pub fn move_corner(&mut self, triangle: u32, place: usize, vertex: u32) {
-        self.corners[triangle as usize][place] = self.find(vertex, self.source(triangle, place));
-    }
-
-    /// A triangle is gone.
-    #[inline]
-    pub fn remove_triangle(&mut self, triangle: u32) {
-        self.corners[triangle as usize] = [0; 3];
     }
 
     /// A triangle gets another number, that of none.
@@ -362,9 +372,16 @@ impl Seams {
 
 impl Front {
     /// Makes sure that the wedges of a split fit into the front, whose third corners are known; how many slots they take. The split is
-    /// that of the active node at a vertex, which bears the leaf `middle`, and is in record `index` of its page.
-    pub(super) fn wedges_that_fit(&self, vertex: u32, middle: u32, page: &Page, index: u16) -> Result<usize, String> {
-        let Some(seams) = self.wedges.as_ref().and_then(Wedges::seams) else { return Ok(0) };
+    /// that of the active node at a vertex, in its page, and bears the leaf `middle`.
+    #[inline(never)]
+    pub(super) fn wedges_that_fit(
+        &self,
+        seams: &Seams,
+        vertex: u32,
+        middle: u32,
+        page: &Page,
+    ) -> Result<usize, String> {
+        let index = self.vertices[vertex as usize].record;
         let (count, least) = page
             .wedges(index)
             .fold((0, NONE), |(count, least), placed: PlacedWedge| (count + 1, placed.number.min(least)));
