@@ -22,6 +22,8 @@ const HELP: Part = [900, 12, 360, 200];
 const MIDDLE: Part = [540, 300, 200, 200];
 /// The corner window.
 const CORNER: Part = [860, 530, 390, 240];
+/// Where messages are.
+const MESSAGES: Part = [12, 690, 800, 100];
 const CENTER: [i16; 2] = [640, 400];
 
 fn place_with_ball() -> Workplace {
@@ -64,6 +66,12 @@ fn part(picture: &RgbImage, [x, y, width, height]: Part) -> RgbImage {
 /// How many points of a part are bright: the surface in the light, or letters.
 fn bright(picture: &RgbImage, of: Part) -> usize {
     part(picture, of).pixels().filter(|colour| colour.0.iter().all(|part| *part > 100)).count()
+}
+
+/// How many points of a part have the colour of errors.
+fn reddish(picture: &RgbImage, of: Part) -> usize {
+    let is_reddish = |colour: &&image::Rgb<u8>| colour.0[0] > 180 && colour.0[1] < 150 && colour.0[2] < 130;
+    part(picture, of).pixels().filter(is_reddish).count()
 }
 
 fn differing(one: &RgbImage, other: &RgbImage, of: Part) -> usize {
@@ -122,6 +130,13 @@ fn a_mesh_is_built_and_looked_at() {
     changes(&display, "W flies", MIDDLE, || {
         display.press('w'.into());
         std::thread::sleep(Duration::from_millis(200));
+        display.release('w'.into());
+    });
+    changes(&display, "E flies then, too", MIDDLE, || {
+        display.press('w'.into());
+        display.press('e'.into());
+        std::thread::sleep(Duration::from_millis(200));
+        display.release('e'.into());
         display.release('w'.into());
     });
     let back = changes(&display, "Enter goes back", MIDDLE, || display.tap(key::ENTER));
@@ -222,7 +237,7 @@ fn sliders_act_at_once() {
     let y = sliders.expect("there is a slider") as i16;
     changes(&display, "the edges are seen", MIDDLE, || display.letter('e'));
     changes(&display, "more pixels of error are fewer edges", MIDDLE, || {
-        display.drag(button::LEFT, [60, y], [185, y]);
+        display.drag_slowly(button::LEFT, [60, y], [185, y], Duration::from_millis(400));
     });
     let said = viewer.end(&display).document();
     assert!(said["pixels_drawn"].as_f64().unwrap() > 5.0, "{said}");
@@ -233,16 +248,17 @@ fn what_cannot_be_opened_is_told() {
     let (place, display) = (place_with_ball(), Display::start());
     place.write("letter.txt", "Dear reader, this is no mesh.\n");
     let viewer = Viewer::open(&place, &display, "view letter.txt");
-    display.wait_until("the message is seen", |picture| bright(picture, [400, 340, 480, 120]) > 200);
+    display.wait_until("the message is seen", |picture| reddish(picture, MESSAGES) > 50);
     display.finished_picture();
     viewer.end(&display).refusal(1, &["letter.txt"]);
+    assert!(!place.names().iter().any(|name| name.contains("letter.") && name != "letter.txt"), "{:?}", place.names());
 
     // A model that is older than its mesh is not replaced.
     place.json("build ball.ply -o ball.vdt");
     let old = std::time::SystemTime::now() - Duration::from_secs(1000);
     std::fs::File::options().write(true).open(place.path("ball.vdt")).unwrap().set_modified(old).unwrap();
     let viewer = Viewer::open(&place, &display, "view ball.ply");
-    display.wait_until("the message is seen", |picture| bright(picture, [400, 340, 480, 120]) > 200);
+    display.wait_until("the message is seen", |picture| reddish(picture, MESSAGES) > 50);
     display.finished_picture();
     viewer.end(&display).refusal(1, &["ball.vdt: this model is older than ball.ply", "--force"]);
     let viewer = Viewer::open(&place, &display, "view ball.ply --force --json");
@@ -254,6 +270,22 @@ fn what_cannot_be_opened_is_told() {
     display.wait_until("the invitation is seen", |picture| bright(picture, [400, 340, 480, 120]) > 200);
     let said = viewer.end(&display).document();
     assert!(said["model"].is_null() && said["frames"] == 0, "{said}");
+}
+
+#[test]
+fn files_can_be_dropped_onto_the_window() {
+    let (place, display) = (place_with_ball(), Display::start());
+    place.write("letter.txt", "Dear reader, this is no mesh.\n");
+    let viewer = Viewer::open(&place, &display, "view --json");
+    display.wait_until("the invitation is seen", |picture| bright(picture, [400, 340, 480, 120]) > 200);
+    display.drop_file(&place.path("letter.txt"));
+    display.wait_until("the message is seen", |picture| reddish(picture, MESSAGES) > 50);
+    display.drop_file(&place.path("ball.ply"));
+    model_is_seen(&display);
+    let Outcome { status, stdout, stderr, .. } = viewer.end(&display);
+    assert!(status.success() && stderr.starts_with("vdt: ") && stderr.contains("letter.txt"), "{stderr}");
+    let said: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!(said["model"], place.path("ball.vdt").canonicalize().unwrap().to_str().unwrap());
 }
 
 #[test]
