@@ -135,7 +135,7 @@ fn sides_are_seen_where_that_is_asked_for() {
     let colours = |edges: bool| {
         let mut picture = Picture::new(64, 64);
         let buffers = Buffers { vertices: &vertices, morphs: &[], triangles: &[[0, 1, 2]] };
-        draw(&mut picture, &projection(64, 64), buffers, Style { edges });
+        draw(&mut picture, &projection(64, 64), buffers, Style { edges, ..Style::default() });
         let mut colours = picture.colours().to_vec();
         picture.clear();
         assert!(picture == Picture::new(64, 64));
