@@ -78,13 +78,10 @@ impl Files {
             // It is called a model, and says better itself why it is none.
             return Ok(Opened { model: Model::open(&LocalDisk, path)?, notes: Vec::new() });
         }
-        if LocalDisk.exists(&output) {
-            match self.kept(path, &output)? {
-                Some(model) => return Ok(Opened { model, notes: Vec::new() }),
-                None => self.build(path, &output, tell),
-            }
-        } else {
-            self.build(path, &output, tell)
+        let kept = if LocalDisk.exists(&output) { self.kept(path, &output)? } else { None };
+        match kept {
+            Some(model) => Ok(Opened { model, notes: Vec::new() }),
+            None => self.build(path, &output, tell),
         }
     }
 

@@ -3,14 +3,19 @@
 //! Events are sent through the extension XTEST, so that programs cannot tell them from those of a keyboard and a mouse.
 
 use std::io::{BufRead, BufReader, IoSlice};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use image::RgbImage;
 use x11rb::connection::{Connection, RequestConnection};
-use x11rb::protocol::xproto::{ConnectionExt, ImageFormat, InputFocus, MapState};
+use x11rb::protocol::Event;
+use x11rb::protocol::xproto::{
+    ClientMessageEvent, ConnectionExt, CreateWindowAux, EventMask, ImageFormat, InputFocus, MapState, PropMode,
+    SELECTION_NOTIFY_EVENT, SelectionNotifyEvent, WindowClass,
+};
 use x11rb::rust_connection::RustConnection;
+use x11rb::wrapper::ConnectionExt as _;
 
 /// What takes longer than this does not happen.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -97,22 +102,73 @@ impl Display {
         command.env("WGPU_BACKEND", "vulkan").env_remove("WAYLAND_DISPLAY").env_remove("WAYLAND_SOCKET");
     }
 
-    /// Gives the keys to the window that is open, as a window manager would.
-    pub fn focus(&self) {
+    /// The window that is open; waits for it.
+    fn window(&self) -> u32 {
         let start = Instant::now();
         let is_seen = |window: &u32| {
             let attributes = self.connection.get_window_attributes(*window).unwrap().reply();
             attributes.is_ok_and(|attributes| attributes.map_state == MapState::VIEWABLE)
         };
-        let window = loop {
+        loop {
             let windows = self.connection.query_tree(self.root).unwrap().reply().unwrap().children;
             if let Some(window) = windows.into_iter().find(is_seen) {
-                break window;
+                return window;
             }
             assert!(start.elapsed() < PATIENCE, "no window opens");
             std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Gives the keys to the window that is open, as a window manager would.
+    pub fn focus(&self) {
+        let set = self.connection.set_input_focus(InputFocus::PARENT, self.window(), x11rb::CURRENT_TIME);
+        set.unwrap().check().unwrap();
+    }
+
+    /// Drops a file onto the window, as a file manager does by the protocol XDND.
+    pub fn drop_file(&self, path: &Path) {
+        let (connection, target) = (&self.connection, self.window());
+        let atom = |name: &str| connection.intern_atom(false, name.as_bytes()).unwrap().reply().unwrap().atom;
+        let source = connection.generate_id().unwrap();
+        let class = WindowClass::INPUT_OUTPUT;
+        let created =
+            connection.create_window(0, source, self.root, -2, -2, 1, 1, 0, class, 0, &CreateWindowAux::new());
+        created.unwrap().check().unwrap();
+        let (selection, list) = (atom("XdndSelection"), atom("text/uri-list"));
+        connection.set_selection_owner(source, selection, x11rb::CURRENT_TIME).unwrap().check().unwrap();
+        let send = |name: &str, data: [u32; 5]| {
+            let message = ClientMessageEvent::new(32, target, atom(name), data);
+            connection.send_event(false, target, EventMask::NO_EVENT, message).unwrap().check().unwrap();
         };
-        self.connection.set_input_focus(InputFocus::PARENT, window, x11rb::CURRENT_TIME).unwrap().check().unwrap();
+        send("XdndEnter", [source, 5 << 24, list, 0, 0]);
+        send("XdndPosition", [source, 0, 640 << 16 | 400, x11rb::CURRENT_TIME, atom("XdndActionCopy")]);
+        let start = Instant::now();
+        loop {
+            match connection.poll_for_event().unwrap() {
+                Some(Event::SelectionRequest(asked)) => {
+                    let address = format!("file://{}\r\n", path.display());
+                    let mode = PropMode::REPLACE;
+                    let written =
+                        connection.change_property8(mode, asked.requestor, asked.property, list, address.as_bytes());
+                    written.unwrap().check().unwrap();
+                    let answer = SelectionNotifyEvent {
+                        response_type: SELECTION_NOTIFY_EVENT,
+                        sequence: 0,
+                        time: asked.time,
+                        requestor: asked.requestor,
+                        selection,
+                        target: list,
+                        property: asked.property,
+                    };
+                    let sent = connection.send_event(false, asked.requestor, EventMask::NO_EVENT, answer);
+                    sent.unwrap().check().unwrap();
+                    return send("XdndDrop", [source, 0, x11rb::CURRENT_TIME, 0, 0]);
+                }
+                Some(_) => (),
+                None => std::thread::sleep(Duration::from_millis(10)),
+            }
+            assert!(start.elapsed() < PATIENCE, "nobody takes what is dropped");
+        }
     }
 
     /// Sends an event: the request `FakeInput` of XTEST.
@@ -170,12 +226,22 @@ impl Display {
 
     /// Drags from one place to the other, in some steps.
     pub fn drag(&self, button: u8, from: [i16; 2], to: [i16; 2]) {
+        self.drag_slowly(button, from, to, Duration::ZERO);
+    }
+
+    /// The same with a pause before each step, so that each is seen.
+    pub fn drag_slowly(&self, button: u8, from: [i16; 2], to: [i16; 2], pause: Duration) {
+        let send = |kind, place| {
+            std::thread::sleep(pause);
+            self.send(kind, button, place);
+        };
         self.move_to(from);
-        self.send(BUTTON[0], button, [0; 2]);
+        send(BUTTON[0], [0; 2]);
         for step in 1..=8 {
+            std::thread::sleep(pause);
             self.move_to([0, 1].map(|axis| from[axis] + (to[axis] - from[axis]) * step / 8));
         }
-        self.send(BUTTON[1], button, [0; 2]);
+        send(BUTTON[1], [0; 2]);
     }
 
     /// What is seen.

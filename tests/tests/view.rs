@@ -20,8 +20,12 @@ const FIGURES: Part = [12, 12, 220, 150];
 const HELP: Part = [900, 12, 360, 200];
 /// The middle, in which the model is.
 const MIDDLE: Part = [540, 300, 200, 200];
+/// What is beside the figures.
+const SCENE: Part = [410, 0, 870, 800];
 /// The corner window.
 const CORNER: Part = [860, 530, 390, 240];
+/// Where messages are.
+const MESSAGES: Part = [12, 690, 800, 100];
 const CENTER: [i16; 2] = [640, 400];
 
 fn place_with_ball() -> Workplace {
@@ -64,6 +68,12 @@ fn part(picture: &RgbImage, [x, y, width, height]: Part) -> RgbImage {
 /// How many points of a part are bright: the surface in the light, or letters.
 fn bright(picture: &RgbImage, of: Part) -> usize {
     part(picture, of).pixels().filter(|colour| colour.0.iter().all(|part| *part > 100)).count()
+}
+
+/// How many points of a part have the colour of errors.
+fn reddish(picture: &RgbImage, of: Part) -> usize {
+    let is_reddish = |colour: &&image::Rgb<u8>| colour.0[0] > 180 && colour.0[1] < 150 && colour.0[2] < 130;
+    part(picture, of).pixels().filter(is_reddish).count()
 }
 
 fn differing(one: &RgbImage, other: &RgbImage, of: Part) -> usize {
@@ -109,30 +119,34 @@ fn a_mesh_is_built_and_looked_at() {
     changes(&display, "the help goes", HELP, || display.letter('h'));
 
     // The mouse: a ball that is not quite round turns, comes nearer and goes aside.
-    let turned = changes(&display, "a drag turns", MIDDLE, || display.drag(button::LEFT, CENTER, [800, 440]));
-    let near = changes(&display, "the wheel zooms", MIDDLE, || (0..6).for_each(|_| display.click(button::WHEEL_UP)));
+    let turned = changes(&display, "a drag turns", SCENE, || display.drag(button::LEFT, CENTER, [800, 440]));
+    let near = changes(&display, "the wheel zooms", SCENE, || (0..6).for_each(|_| display.click(button::WHEEL_UP)));
     assert!(bright(&near, [300, 100, 600, 600]) > bright(&turned, [300, 100, 600, 600]));
-    changes(&display, "a middle drag moves", MIDDLE, || display.drag(button::MIDDLE, CENTER, [900, 500]));
-    changes(&display, "so does the left one with Shift", MIDDLE, || {
+    changes(&display, "a middle drag moves", SCENE, || display.drag(button::MIDDLE, CENTER, [900, 500]));
+    changes(&display, "so does the left one with Shift", SCENE, || {
         display.press(key::SHIFT);
         display.drag(button::LEFT, CENTER, [400, 300]);
         display.release(key::SHIFT);
     });
-    changes(&display, "a right drag looks around", MIDDLE, || display.drag(button::RIGHT, CENTER, [800, 400]));
-    changes(&display, "W flies", MIDDLE, || {
+    changes(&display, "a right drag looks around", SCENE, || display.drag(button::RIGHT, CENTER, [800, 400]));
+    changes(&display, "W flies", SCENE, || {
         display.press('w'.into());
         std::thread::sleep(Duration::from_millis(200));
         display.release('w'.into());
     });
-    let back = changes(&display, "Enter goes back", MIDDLE, || display.tap(key::ENTER));
+    changes(&display, "E flies then, too", SCENE, || {
+        display.press('w'.into());
+        display.press('e'.into());
+        std::thread::sleep(Duration::from_millis(200));
+        display.release('e'.into());
+        display.release('w'.into());
+    });
+    let back = changes(&display, "Enter goes back", SCENE, || display.tap(key::ENTER));
     assert_eq!(differing(&first, &back, MIDDLE), 0);
 
-    // A place of the surface becomes the pivot: then a drag keeps it where it is.
+    // A place of the surface becomes the pivot.
     display.move_to([700, 350]);
-    (0..2).for_each(|_| display.click(button::LEFT));
-    std::thread::sleep(Duration::from_secs(6));
-    display.drag(button::LEFT, [700, 350], [760, 350]);
-    display.tap(key::ENTER);
+    changes(&display, "the new pivot is told", MESSAGES, || (0..2).for_each(|_| display.click(button::LEFT)));
 
     // Frozen, one walks around what was made for another eye; and the corner shows what the viewer sees.
     changes(&display, "the corner opens", CORNER, || display.letter('c'));
@@ -140,9 +154,14 @@ fn a_mesh_is_built_and_looked_at() {
     let main = changes(&display, "the large picture turns", MIDDLE, || display.drag(button::LEFT, CENTER, [700, 420]));
     assert_eq!(differing(&corner, &main, CORNER), 0);
     changes(&display, "the corner closes", CORNER, || display.letter('c'));
+    display.letter('e');
     display.letter('f');
     changes(&display, "frozen, it still turns", MIDDLE, || display.drag(button::LEFT, CENTER, [560, 300]));
-    display.letter('f');
+    changes(&display, "one comes nearer", SCENE, || (0..5).for_each(|_| display.click(button::WHEEL_UP)));
+    changes(&display, "and the detail follows again", MIDDLE, || display.letter('f'));
+    display.letter('e');
+    display.tap(key::ENTER);
+    display.finished_picture();
 
     // A path and pictures are kept, under names that are free.
     place.write("ball.png", "mine");
@@ -181,7 +200,7 @@ fn the_last_view_is_there_again() {
     let open = |file: &str| Viewer::open(&place, &display, &format!("view {file} --json"));
     let viewer = open("ball.vdt");
     model_is_seen(&display);
-    changes(&display, "a drag turns", MIDDLE, || display.drag(button::LEFT, CENTER, [720, 440]));
+    changes(&display, "a drag turns", SCENE, || display.drag(button::LEFT, CENTER, [720, 440]));
     display.click(button::WHEEL_UP);
     let left = changes(&display, "the figures go", FIGURES, || display.tap(key::TAB));
     viewer.end(&display).document();
@@ -222,10 +241,24 @@ fn sliders_act_at_once() {
     let y = sliders.expect("there is a slider") as i16;
     changes(&display, "the edges are seen", MIDDLE, || display.letter('e'));
     changes(&display, "more pixels of error are fewer edges", MIDDLE, || {
-        display.drag(button::LEFT, [60, y], [185, y]);
+        display.drag_slowly(button::LEFT, [60, y], [185, y], Duration::from_millis(400));
+    });
+    // The other two are below it: of the RAM, from 256 MiB to the least, which does not change the picture ...
+    let coarse = display.finished_picture();
+    let pause = Duration::from_millis(400);
+    display.drag_slowly(button::LEFT, [123, y + 23], [20, y + 23], pause);
+    std::thread::sleep(pause);
+    let the_same = display.finished_picture();
+    assert_eq!(differing(&coarse, &the_same, MIDDLE), 0);
+    // ... and back to a fine picture, of the most triangles.
+    display.drag_slowly(button::LEFT, [185, y], [60, y], pause);
+    changes(&display, "fewer triangles are fewer edges", MIDDLE, || {
+        display.drag_slowly(button::LEFT, [185, y + 46], [24, y + 46], pause);
     });
     let said = viewer.end(&display).document();
-    assert!(said["pixels_drawn"].as_f64().unwrap() > 5.0, "{said}");
+    assert!(said["pixels_drawn"].as_f64().unwrap() > 0.5, "{said}");
+    assert!(said["budget_bytes"].as_u64().unwrap() < 2 << 20, "{said}");
+    assert!((100..2500).contains(&said["triangles"].as_u64().unwrap()), "{said}");
 }
 
 #[test]
@@ -233,16 +266,17 @@ fn what_cannot_be_opened_is_told() {
     let (place, display) = (place_with_ball(), Display::start());
     place.write("letter.txt", "Dear reader, this is no mesh.\n");
     let viewer = Viewer::open(&place, &display, "view letter.txt");
-    display.wait_until("the message is seen", |picture| bright(picture, [400, 340, 480, 120]) > 200);
+    display.wait_until("the message is seen", |picture| reddish(picture, MESSAGES) > 50);
     display.finished_picture();
     viewer.end(&display).refusal(1, &["letter.txt"]);
+    assert!(!place.names().iter().any(|name| name.contains("letter.") && name != "letter.txt"), "{:?}", place.names());
 
     // A model that is older than its mesh is not replaced.
     place.json("build ball.ply -o ball.vdt");
     let old = std::time::SystemTime::now() - Duration::from_secs(1000);
     std::fs::File::options().write(true).open(place.path("ball.vdt")).unwrap().set_modified(old).unwrap();
     let viewer = Viewer::open(&place, &display, "view ball.ply");
-    display.wait_until("the message is seen", |picture| bright(picture, [400, 340, 480, 120]) > 200);
+    display.wait_until("the message is seen", |picture| reddish(picture, MESSAGES) > 50);
     display.finished_picture();
     viewer.end(&display).refusal(1, &["ball.vdt: this model is older than ball.ply", "--force"]);
     let viewer = Viewer::open(&place, &display, "view ball.ply --force --json");
@@ -254,6 +288,22 @@ fn what_cannot_be_opened_is_told() {
     display.wait_until("the invitation is seen", |picture| bright(picture, [400, 340, 480, 120]) > 200);
     let said = viewer.end(&display).document();
     assert!(said["model"].is_null() && said["frames"] == 0, "{said}");
+}
+
+#[test]
+fn files_can_be_dropped_onto_the_window() {
+    let (place, display) = (place_with_ball(), Display::start());
+    place.write("letter.txt", "Dear reader, this is no mesh.\n");
+    let viewer = Viewer::open(&place, &display, "view --json");
+    display.wait_until("the invitation is seen", |picture| bright(picture, [400, 340, 480, 120]) > 200);
+    display.drop_file(&place.path("letter.txt"));
+    display.wait_until("the message is seen", |picture| reddish(picture, MESSAGES) > 50);
+    display.drop_file(&place.path("ball.ply"));
+    model_is_seen(&display);
+    let Outcome { status, stdout, stderr, .. } = viewer.end(&display);
+    assert!(status.success() && stderr.starts_with("vdt: ") && stderr.contains("letter.txt"), "{stderr}");
+    let said: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!(said["model"], place.path("ball.vdt").canonicalize().unwrap().to_str().unwrap());
 }
 
 #[test]

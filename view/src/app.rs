@@ -14,6 +14,7 @@ use winit::keyboard::ModifiersState;
 use winit::window::{Window, WindowId};
 
 use crate::canvas::{Canvas, Sheet};
+use crate::controls::Flight;
 use crate::frame_times::FrameTimes;
 use crate::interface::Interface;
 use crate::keys::{Action, Keys};
@@ -34,7 +35,7 @@ const TRIED_AGAIN: Duration = Duration::from_millis(50);
 const RESIDENT_EVERY: Duration = Duration::from_millis(250);
 /// The most time that a frame of a flight counts for, in seconds: after a pause it goes on, and does not jump.
 const LONGEST_STEP: f64 = 0.1;
-/// What the first frame of a flight counts for.
+/// What a key of flight counts for that has just been pressed, in seconds.
 const FIRST_STEP: f64 = 1.0 / 60.0;
 /// Within what time, and how near, a second click makes a double click; the distance in points of the screen.
 const DOUBLE_CLICK: (Duration, f64) = (Duration::from_millis(400), 6.0);
@@ -98,12 +99,17 @@ struct App {
     modifiers: ModifiersState,
     mouse: Mouse,
     wants_screenshot: bool,
+    /// Up to when keys of flight were heeded, while any is held.
+    flown_until: Option<Instant>,
     /// When the last frame was begun, where the next one was to follow at once.
     last_frame: Option<Instant>,
     frame_ms: f64,
     frame_rate: Option<f64>,
     frame_times: FrameTimes,
+    /// When the RAM of the program was asked for, and what it was.
     resident: (Option<Instant>, Option<u64>),
+    /// The most RAM that is offered.
+    most_memory: u64,
     /// When the next frame is due though nothing happens.
     wake_at: Option<Instant>,
     summary: Summary,
@@ -133,11 +139,13 @@ pub fn run(options: ViewOptions, opener: Arc<dyn Opener>) -> Result<Summary, Vie
         modifiers: ModifiersState::default(),
         mouse: Mouse::default(),
         wants_screenshot: false,
+        flown_until: None,
         last_frame: None,
         frame_ms: 0.0,
         frame_rate: None,
         frame_times: FrameTimes::default(),
         resident: (None, None),
+        most_memory: storage::usage::machine_bytes().map_or(USUAL_MEMORY, |bytes| bytes / 2),
         wake_at: None,
         summary: Summary::default(),
         failure: None,
@@ -219,10 +227,16 @@ impl ApplicationHandler<Event> for App {
             }
             WindowEvent::Focused(false) => {
                 self.keys.release_all();
+                self.flown_until = None;
                 self.mouse.drag = None;
             }
             WindowEvent::ModifiersChanged(modifiers) => self.modifiers = modifiers.state(),
-            WindowEvent::KeyboardInput { event, .. } => self.key(event_loop, event),
+            // A key that was held when the window came up was meant for another one.
+            WindowEvent::KeyboardInput { event, is_synthetic, .. }
+                if !is_synthetic || event.state == ElementState::Released =>
+            {
+                self.key(event_loop, event);
+            }
             WindowEvent::MouseInput { state, button, .. } => self.button(state, button),
             WindowEvent::CursorMoved { position, .. } => self.move_mouse([position.x, position.y]),
             WindowEvent::MouseWheel { delta, .. } => self.turn_wheel(delta),
@@ -273,7 +287,9 @@ impl App {
         }
         self.leave();
         self.notes.clear();
-        self.summary.unopened = None;
+        if let Some(problem) = self.summary.unopened.take() {
+            (self.options.tell)(&problem);
+        }
         if let Some(screen) = &self.screen {
             screen.canvas.window().set_title(&name_of(&path));
         }
@@ -378,7 +394,24 @@ impl App {
         event_loop.exit();
     }
 
+    fn flight(&self) -> Flight {
+        self.keys.flight(self.modifiers.shift_key())
+    }
+
+    /// Flies for the time since the last time, with the keys that were held since.
+    fn fly(&mut self, now: Instant) {
+        let flight = self.flight();
+        let since = self.flown_until.replace(now).map_or(0.0, |last| (now - last).as_secs_f64());
+        if let Some(session) = self.session() {
+            session.fly(flight, since.min(LONGEST_STEP));
+        }
+        if flight.is_still() {
+            self.flown_until = None;
+        }
+    }
+
     fn key(&mut self, event_loop: &ActiveEventLoop, event: KeyEvent) {
+        self.fly(Instant::now());
         if event.state == ElementState::Released {
             self.keys.release(event.physical_key);
             return;
@@ -388,10 +421,20 @@ impl App {
             return;
         }
         let looks_around = matches!(self.mouse.drag, Some((Drag::LookAround, ..)));
+        let before = self.flight();
         match self.keys.press(&event.logical_key, event.physical_key, looks_around) {
             Some(Action::Quit) => return self.quit(event_loop),
             Some(action) => self.act(action),
-            None => (),
+            None => {
+                // A key that is let go at once moves a little, too.
+                let flight = self.flight();
+                if flight != before
+                    && let Some(session) = self.session()
+                {
+                    session.fly(flight, FIRST_STEP);
+                }
+                self.flown_until = Some(Instant::now());
+            }
         }
         self.redraw();
     }
@@ -532,10 +575,10 @@ impl App {
         } else {
             self.frame_rate = None;
         }
-        let flight = self.keys.flight(self.modifiers.shift_key());
+        self.fly(now);
+        let is_flying = !self.flight().is_still();
         let mut problem = None;
-        if let Stage::Looking(session) = &mut self.stage {
-            session.fly(flight, since_last.unwrap_or(FIRST_STEP).min(LONGEST_STEP));
+        if let (Stage::Looking(session), Some(screen)) = (&mut self.stage, &self.screen) {
             let stepped = session.set_size(size).and_then(|()| session.step(screen.canvas.gpu(), now));
             problem = stepped.err().map(|error| error.to_string());
         }
@@ -558,7 +601,7 @@ impl App {
             self.summary.frames += 1;
             self.frame_times.add(self.frame_ms);
             self.summary.first_picture_seconds.get_or_insert_with(|| self.begin.elapsed().as_secs_f64());
-            goes_on |= !has_failed && (session.wants_frame() || !flight.is_still());
+            goes_on |= !has_failed && (session.wants_frame() || is_flying);
             wakes.push(session.next_change());
         }
         self.last_frame = goes_on.then_some(now);
@@ -578,7 +621,7 @@ impl App {
             self.settings = session.settings();
         }
         let (overlay, notes, stage, settings) = (self.overlay, &mut self.notes, &self.stage, &mut self.settings);
-        let (frame_ms, frame_rate) = (self.frame_ms, self.frame_rate);
+        let (frame_ms, frame_rate, most_memory) = (self.frame_ms, self.frame_rate, self.most_memory);
         let (renderer, allowed, resident) = (&self.summary.renderer, self.options.gpu_memory, self.resident.1);
         let name = if let Stage::Opening { path, .. } = stage { name_of(path) } else { String::new() };
         let changes_after = interface.run(canvas.window(), event_loop, canvas.gpu(), |context| {
@@ -605,7 +648,7 @@ impl App {
                     settings: &mut *settings,
                     ranges: Ranges {
                         least_memory: session.least_memory(),
-                        most_memory: storage::usage::machine_bytes().map_or(USUAL_MEMORY, |bytes| bytes / 2),
+                        most_memory,
                         triangles: session.model().header().triangle_count.into(),
                     },
                 },

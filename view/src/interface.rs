@@ -26,6 +26,7 @@ impl Interface {
     pub fn new(event_loop: &ActiveEventLoop, window: &Window, gpu: &Gpu, format: wgpu::TextureFormat) -> Self {
         let context = egui::Context::default();
         context.set_visuals(egui::Visuals::dark());
+        context.all_styles_mut(|style| style.interaction.selectable_labels = false);
         let most = gpu.device.limits().max_texture_dimension_2d as usize;
         let scale = window.scale_factor() as f32;
         let state = egui_winit::State::new(

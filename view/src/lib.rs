@@ -150,35 +150,26 @@ pub struct Summary {
 pub enum ViewError {
     /// There is no display.
     #[error(
-        "cannot open a window, there is no display to be reached ({source}); `vdt render` makes pictures without one"
+        "cannot open a window, there is no display to be reached ({problem}); `vdt render` makes pictures without one"
     )]
     Display {
         /// What winit said.
-        #[from]
-        source: EventLoopError,
+        problem: String,
     },
     /// The display gives no window.
-    #[error("the display gives no window ({source}); `vdt render` makes pictures without one")]
+    #[error("the display gives no window ({problem}); `vdt render` makes pictures without one")]
     Window {
         /// What winit said.
-        #[from]
-        source: OsError,
+        problem: String,
     },
     /// Nothing can draw in the window.
-    #[error(
-        "nothing can draw in the window: {source}. A driver for Vulkan or OpenGL is needed, such as Mesa's (the package \
-         mesa-vulkan-drivers), which can do with the processor; `vdt render` makes pictures without any"
-    )]
+    #[error("no graphics driver can draw in the window ({problem}). {DRIVERS}")]
     Surface {
         /// What wgpu said.
-        #[from]
-        source: wgpu::CreateSurfaceError,
+        problem: String,
     },
-    /// No graphics driver can draw in the window.
-    #[error(
-        "{source}. A driver for Vulkan or OpenGL is needed, such as Mesa's (the package mesa-vulkan-drivers), which can do \
-         with the processor; `vdt render` makes pictures without any"
-    )]
+    /// The graphics card does not do.
+    #[error("{source}. {DRIVERS}")]
     Gpu {
         /// What is missing.
         #[from]
@@ -189,7 +180,49 @@ pub enum ViewError {
     NoFormat,
 }
 
+/// What to do without a driver.
+const DRIVERS: &str = "A driver for Vulkan or OpenGL is needed, such as Mesa's (the package mesa-vulkan-drivers), which can do \
+                       with the processor; `vdt render` makes pictures without any";
+
+impl From<EventLoopError> for ViewError {
+    fn from(error: EventLoopError) -> Self {
+        ViewError::Display { problem: without_place(&error.to_string()) }
+    }
+}
+
+impl From<OsError> for ViewError {
+    fn from(error: OsError) -> Self {
+        ViewError::Window { problem: without_place(&error.to_string()) }
+    }
+}
+
+impl From<wgpu::CreateSurfaceError> for ViewError {
+    fn from(error: wgpu::CreateSurfaceError) -> Self {
+        // Behind the colon it lists what each driver said, of which there may be none.
+        let problem = error.to_string().trim_end_matches(": {}").to_owned();
+        ViewError::Surface { problem }
+    }
+}
+
+/// What winit says, without the line of its source that says it.
+fn without_place(said: &str) -> String {
+    let behind = said.split_once(".rs:").and_then(|(_, behind)| behind.split_once(": "));
+    behind.map_or(said, |(_, problem)| problem).trim_end_matches('.').to_owned()
+}
+
 /// Opens a window, and returns when it is closed. To be called from the main thread of a program, once.
 pub fn run(options: ViewOptions, opener: Arc<dyn Opener>) -> Result<Summary, ViewError> {
     app::run(options, opener)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn problems_are_told_without_places_in_the_source() {
+        let said = "os error at /home/x/.cargo/winit-0.30.13/src/linux/mod.rs:765: neither A: nor B is set.";
+        assert_eq!(without_place(said), "neither A: nor B is set");
+        assert_eq!(without_place("the event loop failed"), "the event loop failed");
+    }
 }

@@ -194,7 +194,7 @@ fn lines(figures: &Figures<'_>, memory: u64, ranges: Ranges) -> Vec<(&'static st
     };
     let resident = figures.resident_bytes.map_or(String::new(), |bytes| format!("; program {}", ByteSize(bytes)));
     let [gpu_bytes, gpu_allowed] = figures.gpu_bytes.map(ByteSize);
-    let mut lines = vec![
+    vec![
         ("frame", format!("{:.1} ms{rate}", figures.frame_ms)),
         ("triangles", format!("{} of {}", grouped(statistics.triangles), grouped(ranges.triangles))),
         ("error", format!("{:.2} pixels", statistics.pixels_drawn)),
@@ -206,19 +206,17 @@ fn lines(figures: &Figures<'_>, memory: u64, ranges: Ranges) -> Vec<(&'static st
         ("disk", format!("{} reads, {}", grouped(totals.reads), ByteSize(totals.bytes_read))),
         ("upload", format!("{} a frame, {} in all", ByteSize(upload.bytes), ByteSize(totals.uploaded_bytes))),
         ("drawn by", shortened(figures.renderer)),
-    ];
+        ("shown", shown(figures)),
+    ]
+}
+
+/// How the model is drawn, and what becomes of that.
+fn shown(figures: &Figures<'_>) -> String {
     let Style { edges, levels, boxes, .. } = figures.style;
-    let shown: Vec<&str> = [(edges, "edges"), (levels, "levels"), (boxes, "boxes")]
-        .into_iter()
-        .filter_map(|(is_shown, name)| is_shown.then_some(name))
-        .collect();
-    if !shown.is_empty() {
-        lines.push(("shown", shown.join(", ")));
-    }
-    if let Some(cameras) = figures.recorded {
-        lines.push(("recording", format!("{} cameras", grouped(cameras))));
-    }
-    lines
+    let also = [(edges, ", edges"), (levels, ", levels"), (boxes, ", boxes")];
+    let also = also.into_iter().filter_map(|(is_shown, name)| is_shown.then_some(name));
+    let recorded = figures.recorded.map(|cameras| format!("; {} cameras recorded", grouped(cameras)));
+    ["surface"].into_iter().chain(also).chain(recorded.as_deref()).collect()
 }
 
 /// A name that does not make the panel wider than the rest of it does.

@@ -453,7 +453,11 @@ impl Session {
             self.totals.reads += pool.reads;
             self.totals.bytes_read += pool.bytes_read;
         }
-        self.held = if navigator.settled() { 0 } else { self.held.saturating_sub(1) };
+        if navigator.settled() {
+            self.held = 0;
+        } else if !self.is_frozen {
+            self.held = self.held.saturating_sub(1);
+        }
         self.upload = Upload::default();
         if self.held == 0 {
             self.upload = self.scene.update(gpu, navigator, self.style)?;
