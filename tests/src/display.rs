@@ -54,6 +54,8 @@ pub mod button {
     pub const RIGHT: u8 = 3;
     /// The wheel, forwards.
     pub const WHEEL_UP: u8 = 4;
+    /// The wheel, backwards.
+    pub const WHEEL_DOWN: u8 = 5;
 }
 
 /// A display of 1280 × 800 points; gone with this value.

@@ -157,7 +157,7 @@ fn a_mesh_is_built_and_looked_at() {
     display.letter('e');
     display.letter('f');
     changes(&display, "frozen, it still turns", MIDDLE, || display.drag(button::LEFT, CENTER, [560, 300]));
-    changes(&display, "one comes nearer", SCENE, || (0..5).for_each(|_| display.click(button::WHEEL_UP)));
+    changes(&display, "one goes away", SCENE, || (0..6).for_each(|_| display.click(button::WHEEL_DOWN)));
     changes(&display, "and the detail follows again", MIDDLE, || display.letter('f'));
     display.letter('e');
     display.tap(key::ENTER);
@@ -243,13 +243,12 @@ fn sliders_act_at_once() {
     changes(&display, "more pixels of error are fewer edges", MIDDLE, || {
         display.drag_slowly(button::LEFT, [60, y], [185, y], Duration::from_millis(400));
     });
-    // The other two are below it: of the RAM, from 256 MiB to the least, which does not change the picture ...
-    let coarse = display.finished_picture();
+    // The other two are below it: of the RAM, from 256 MiB to the least; all the while there is a picture ...
     let pause = Duration::from_millis(400);
     display.drag_slowly(button::LEFT, [123, y + 23], [20, y + 23], pause);
     std::thread::sleep(pause);
-    let the_same = display.finished_picture();
-    assert_eq!(differing(&coarse, &the_same, MIDDLE), 0);
+    assert!(bright(&display.picture(), MIDDLE) > 10_000);
+    assert!(bright(&display.finished_picture(), MIDDLE) > 10_000);
     // ... and back to a fine picture, of the most triangles.
     display.drag_slowly(button::LEFT, [185, y], [60, y], pause);
     changes(&display, "fewer triangles are fewer edges", MIDDLE, || {
