@@ -451,7 +451,7 @@ mod tests {
     #[test]
     fn what_the_drawing_leaves_open_is_found() {
         let (vertices, triangles) = streams(&board(0.0));
-        let whole = Buffers { vertices: &vertices, morphs: &[], triangles: &triangles };
+        let whole = Buffers { vertices: &vertices, triangles: &triangles, ..Buffers::default() };
         let lost: Vec<_> = board(0.0)
             .into_iter()
             .map(|corners| {
@@ -459,7 +459,7 @@ mod tests {
             })
             .collect();
         let (lost_vertices, lost_triangles) = streams(&lost);
-        let lost_buffers = Buffers { vertices: &lost_vertices, morphs: &[], triangles: &lost_triangles };
+        let lost_buffers = Buffers { vertices: &lost_vertices, triangles: &lost_triangles, ..Buffers::default() };
         let mut picture = Picture::new(WIDTH, HEIGHT);
         draw(&mut picture, &projection(), lost_buffers, false);
         let surface = Surface::new(board(0.0).into_iter());
