@@ -243,21 +243,20 @@ fn sliders_act_at_once() {
     changes(&display, "more pixels of error are fewer edges", MIDDLE, || {
         display.drag_slowly(button::LEFT, [60, y], [185, y], Duration::from_millis(400));
     });
-    // The other two are below it: of the RAM, from 256 MiB to the least; all the while there is a picture ...
+    // Back to a fine picture, of the most triangles; the slider of that is the last.
     let pause = Duration::from_millis(400);
-    display.drag_slowly(button::LEFT, [123, y + 23], [20, y + 23], pause);
-    std::thread::sleep(pause);
-    assert!(bright(&display.picture(), MIDDLE) > 10_000);
-    assert!(bright(&display.finished_picture(), MIDDLE) > 10_000);
-    // ... and back to a fine picture, of the most triangles.
     display.drag_slowly(button::LEFT, [185, y], [60, y], pause);
     changes(&display, "fewer triangles are fewer edges", MIDDLE, || {
         display.drag_slowly(button::LEFT, [185, y + 46], [24, y + 46], pause);
     });
+    // Between them that of the RAM, from 256 MiB to the least: all the while there is a picture.
+    display.drag_slowly(button::LEFT, [123, y + 23], [20, y + 23], pause);
+    assert!(bright(&display.picture(), MIDDLE) > 10_000);
+    assert!(bright(&display.finished_picture(), MIDDLE) > 10_000);
     let said = viewer.end(&display).document();
     assert!(said["pixels_drawn"].as_f64().unwrap() > 0.5, "{said}");
     assert!(said["budget_bytes"].as_u64().unwrap() < 2 << 20, "{said}");
-    assert!((100..2500).contains(&said["triangles"].as_u64().unwrap()), "{said}");
+    assert!((100..=1000).contains(&said["triangles"].as_u64().unwrap()), "{said}");
 }
 
 #[test]
