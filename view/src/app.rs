@@ -1,5 +1,6 @@
 //! The window's life: files are opened, events come in, and frames are drawn when something has changed.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -305,7 +306,14 @@ impl App {
                     let _ = teller.send_event(Event::Progress(progress));
                 }
             };
-            let opened = opener.open(&path, &mut tell);
+            // However it ends, the window is told.
+            let opened = catch_unwind(AssertUnwindSafe(|| opener.open(&path, &mut tell)));
+            let opened = opened.unwrap_or_else(|_| {
+                Err(format!(
+                    "{}: opening it failed in an unforeseen way; what standard error says helps to find out why",
+                    path.display()
+                ))
+            });
             let _ = proxy.send_event(Event::Opened(opened.map(Box::new)));
         };
         if let Err(error) = std::thread::Builder::new().name("opening".into()).spawn(work) {

@@ -31,7 +31,9 @@ impl Textures {
 
     /// Those of a model; a single point where it has none.
     pub fn new(gpu: &Gpu, looks: &Looks) -> Self {
-        let (side, layers) = (looks.side().max(1), looks.textures().len().max(1) as u32);
+        // By OpenGL, a texture of one layer has none, and the shader would read black.
+        let least_layers = if gpu.adapter.get_info().backend == wgpu::Backend::Gl { 2 } else { 1 };
+        let (side, layers) = (looks.side().max(1), (looks.textures().len() as u32).max(least_layers));
         let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("textures"),
             size: wgpu::Extent3d { width: side, height: side, depth_or_array_layers: layers },
@@ -74,7 +76,8 @@ impl Textures {
             mipmap_filter: wgpu::MipmapFilterMode::Linear,
             ..Default::default()
         });
-        Textures { view, sampler, bytes: looks.bytes() }
+        let points: u64 = (0..=side.ilog2()).map(|level| u64::from(side >> level).pow(2)).sum();
+        Textures { view, sampler, bytes: u64::from(layers) * u64::from(POINT_BYTES) * points }
     }
 
     /// As the shader reads them.
