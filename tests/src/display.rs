@@ -22,7 +22,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// A picture that stays the same for so long is finished.
 const REST: Duration = Duration::from_millis(600);
 /// What has to be installed.
-const INSTALL: &str = "install it: apt-get install xvfb mesa-vulkan-drivers libvulkan1 libxkbcommon-x11-0 libx11-xcb1 \
+const INSTALL: &str = "install it: apt-get install xvfb mesa-vulkan-drivers libvulkan1 libegl1 libgl1-mesa-dri libxkbcommon-x11-0 libx11-xcb1 \
                        libxcursor1 libxi6 libxrandr2";
 
 /// The codes of events in the protocol.

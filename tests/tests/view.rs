@@ -319,3 +319,28 @@ fn without_a_display_it_says_so() {
     place.refuses(2, "view ball.ply --pixels 0", &["--pixels"]);
     assert!(!place.path("ball.vdt").exists());
 }
+
+/// OpenGL has no texture of a single layer: what had one image was black.
+#[test]
+fn a_texture_is_seen_by_opengl_too() {
+    let (place, display) = (workplace!(), Display::start());
+    place.write(
+        "board.obj",
+        "mtllib board.mtl\nusemtl paper\nv -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n\
+         f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n",
+    );
+    place.write("board.mtl", "newmtl paper\nmap_Kd paper.png\n");
+    let mut png = std::io::Cursor::new(Vec::new());
+    RgbImage::from_pixel(8, 8, image::Rgb([250; 3])).write_to(&mut png, image::ImageFormat::Png).unwrap();
+    place.write("paper.png", png.into_inner());
+    place.json("build board.obj -o board.vdt");
+    let mut command = place.command(&["view", "board.vdt", "--json"]);
+    display.lend(&mut command);
+    command.env("XDG_STATE_HOME", place.path("state")).env("WGPU_BACKEND", "gl");
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let viewer = Viewer { child: command.spawn().unwrap(), title: "view by OpenGL".into() };
+    display.focus();
+    display.wait_until("the board is seen", |picture| bright(picture, MIDDLE) > 10_000);
+    let said = viewer.end(&display).document();
+    assert!(said["renderer"].as_str().unwrap().contains("(gl)"), "{said}");
+}
