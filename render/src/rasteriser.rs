@@ -29,11 +29,11 @@ const STEPS: i64 = 256;
 /// What is so many half pictures beside the middle is cut off. (So all products stay within 64 bits.)
 const MARGIN: f64 = 16.0;
 /// The part of the light that comes from everywhere.
-const AMBIENT: f64 = 0.12;
+pub(crate) const AMBIENT: f64 = 0.12;
 /// The part of it that a point on the side of a triangle throws back, where those are drawn: red, green and blue.
-const SIDE: [f64; 3] = [0.02, 0.05, 0.12];
+pub(crate) const SIDE: [f64; 3] = [0.02, 0.05, 0.12];
 /// How far from a side a point belongs to it, in points.
-const SIDE_WIDTH: f64 = 0.6;
+pub(crate) const SIDE_WIDTH: f64 = 0.6;
 
 /// What is drawn: the streams of a navigator.
 #[derive(Debug, Clone, Copy, Default)]

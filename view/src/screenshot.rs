@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc;
 
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
-use render::gpu::Gpu;
+use render::gpu::read_back::{copy, read, row_bytes, target};
+use render::gpu::{Gpu, GpuError};
 use storage::{AtomicFile, Disk, StorageError};
 use thiserror::Error;
 
@@ -16,10 +16,11 @@ use crate::free_name::free_name;
 #[derive(Debug, Error)]
 pub enum ScreenshotError {
     /// The graphics driver does not give it back.
-    #[error("the picture cannot be read back: {problem}")]
+    #[error("the picture cannot be read back: {source}")]
     ReadBack {
         /// What it said.
-        problem: String,
+        #[from]
+        source: GpuError,
     },
     /// It cannot be encoded.
     #[error("the picture cannot be encoded: {source}")]
@@ -42,16 +43,7 @@ pub struct Screenshot {
 impl Screenshot {
     /// One of this size and format.
     pub fn new(gpu: &Gpu, [width, height]: [u32; 2], format: wgpu::TextureFormat) -> Self {
-        let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("screenshot"),
-            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        });
+        let texture = target(gpu, "screenshot", [width, height], format);
         Screenshot { texture }
     }
 
@@ -80,7 +72,7 @@ impl Screenshot {
     /// Red, green and blue of each point.
     fn colours(&self, gpu: &Gpu) -> Result<Vec<u8>, ScreenshotError> {
         let (width, height) = (self.texture.width(), self.texture.height());
-        let row_bytes = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+        let row_bytes = row_bytes(width);
         let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("screenshot"),
             size: u64::from(row_bytes) * u64::from(height),
@@ -88,36 +80,16 @@ impl Screenshot {
             mapped_at_creation: false,
         });
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        encoder.copy_texture_to_buffer(
-            self.texture.as_image_copy(),
-            wgpu::TexelCopyBufferInfo {
-                buffer: &buffer,
-                layout: wgpu::TexelCopyBufferLayout {
-                    offset: 0,
-                    bytes_per_row: Some(row_bytes),
-                    rows_per_image: Some(height),
-                },
-            },
-            self.texture.size(),
-        );
+        copy(&mut encoder, &self.texture, &buffer, 0);
         gpu.queue.submit([encoder.finish()]);
-        let failed = |problem: String| ScreenshotError::ReadBack { problem };
-        let (sender, receiver) = mpsc::channel();
-        buffer.map_async(wgpu::MapMode::Read, .., move |mapped| {
-            // Whoever waits for it is right below.
-            let _ = sender.send(mapped);
-        });
-        gpu.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| failed(error.to_string()))?;
-        receiver.recv().map_err(|error| failed(error.to_string()))?.map_err(|error| failed(error.to_string()))?;
-        let bytes = buffer.get_mapped_range(..).map_err(|error| failed(error.to_string()))?;
         let is_blue_first =
             matches!(self.texture.format(), wgpu::TextureFormat::Bgra8Unorm | wgpu::TextureFormat::Bgra8UnormSrgb);
-        let rows = bytes.chunks_exact(row_bytes as usize);
-        let points = rows.flat_map(|row| row[..4 * width as usize].chunks_exact(4));
-        Ok(points
-            .flat_map(
-                |point| if is_blue_first { [point[2], point[1], point[0]] } else { [point[0], point[1], point[2]] },
-            )
-            .collect())
+        let colour =
+            |point: &[u8]| if is_blue_first { [point[2], point[1], point[0]] } else { [point[0], point[1], point[2]] };
+        let colours = read(gpu, &buffer, |bytes| {
+            let rows = bytes.chunks_exact(row_bytes as usize);
+            rows.flat_map(|row| row[..4 * width as usize].chunks_exact(4)).flat_map(colour).collect()
+        })?;
+        Ok(colours)
     }
 }

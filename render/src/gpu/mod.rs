@@ -6,11 +6,13 @@
 //! | `mirror` | copies of streams on the device: sends what has changed |
 //! | `scene` | a front on the device, and how it is drawn |
 //! | `textures` | the textures of materials on the device |
+//! | [`read_back`] | textures that are drawn into, read back |
 //! | `off_screen` | pictures without a window |
 
 mod device;
 mod mirror;
 mod off_screen;
+pub mod read_back;
 mod scene;
 mod textures;
 

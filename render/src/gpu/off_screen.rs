@@ -2,17 +2,16 @@
 //!
 //! Memory on the device, beside the scene: 12 bytes a point; in RAM that of the [`Picture`], and 8 bytes a point that are read back.
 
-use wgpu::{Buffer, BufferUsages, Texture, TextureFormat, TextureUsages};
+use wgpu::{Buffer, BufferUsages, Texture, TextureFormat};
 
 use super::device::{Gpu, GpuError};
 use super::mirror::buffer;
+use super::read_back::{POINT_BYTES, copy, read, row_bytes, target};
 use super::scene::{Scene, SceneView};
 use crate::picture::Picture;
 
 /// Format of the colours.
 const FORMAT: TextureFormat = TextureFormat::Rgba8Unorm;
-/// Bytes of a point, in either texture.
-const POINT_BYTES: u32 = 4;
 
 /// What a picture is drawn into.
 #[derive(Debug)]
@@ -47,16 +46,7 @@ impl OffScreen {
             let problem = "it does not give back the depths of a picture".to_owned();
             return Err(GpuError::TooLittle { driver: gpu.name().to_owned(), problem });
         }
-        let colours = gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("colours"),
-            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: FORMAT,
-            usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_SRC,
-            view_formats: &[],
-        });
+        let colours = target(gpu, "colours", [width, height], FORMAT);
         let bytes = 2 * u64::from(row_bytes(width)) * u64::from(height);
         let back = buffer(gpu, "picture", bytes, BufferUsages::COPY_DST | BufferUsages::MAP_READ);
         let drawn = OffScreen { size: [width, height], colours, back };
@@ -68,39 +58,17 @@ impl OffScreen {
     pub fn draw(&self, gpu: &Gpu, scene: &mut Scene, view: &SceneView, picture: &mut Picture) -> Result<(), GpuError> {
         let [width, height] = self.size;
         let view = SceneView { rectangle: [0, 0, width, height], ..*view };
-        let target = self.colours.create_view(&Default::default());
+        let colours = self.colours.create_view(&Default::default());
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        scene.draw(gpu, &mut encoder, &target, self.size, &[view]);
+        scene.draw(gpu, &mut encoder, &colours, self.size, &[view]);
         let row = row_bytes(width);
         let of_colours = u64::from(row) * u64::from(height);
-        for (texture, offset) in [(&self.colours, 0), (scene.depths(), of_colours)] {
-            encoder.copy_texture_to_buffer(
-                texture.as_image_copy(),
-                wgpu::TexelCopyBufferInfo {
-                    buffer: &self.back,
-                    layout: wgpu::TexelCopyBufferLayout {
-                        offset,
-                        bytes_per_row: Some(row),
-                        rows_per_image: Some(height),
-                    },
-                },
-                texture.size(),
-            );
-        }
+        copy(&mut encoder, &self.colours, &self.back, 0);
+        copy(&mut encoder, scene.depths(), &self.back, of_colours);
         gpu.queue.submit([encoder.finish()]);
-        let failed = |problem: String| GpuError::Failed { driver: gpu.name().to_owned(), problem };
-        let (tell, told) = std::sync::mpsc::channel();
-        self.back.slice(..).map_async(wgpu::MapMode::Read, move |result| {
-            // Who asked waits for it below.
-            let _ = tell.send(result);
-        });
-        gpu.wait()?;
-        let mapped = told.recv().map_err(|error| failed(error.to_string()))?;
-        mapped.map_err(|error| failed(error.to_string()))?;
-        {
-            let bytes = self.back.slice(..).get_mapped_range().map_err(|error| failed(error.to_string()))?;
+        let nearest = view.projection.nearest() as f32;
+        read(gpu, &self.back, |bytes| {
             let (colours, depths) = bytes.split_at(of_colours as usize);
-            let nearest = view.projection.nearest() as f32;
             let rows = colours.chunks_exact(row as usize).zip(depths.chunks_exact(row as usize));
             for (number, (colours, depths)) in rows.enumerate() {
                 let (row_colours, row_nearness) = picture.row(number, 0, width as usize);
@@ -111,13 +79,6 @@ impl OffScreen {
                     *nearness = f32::from_le_bytes([stored[0], stored[1], stored[2], stored[3]]) / nearest;
                 }
             }
-        }
-        self.back.unmap();
-        Ok(())
+        })
     }
-}
-
-/// Bytes of a row that is read back.
-fn row_bytes(width: u32) -> u32 {
-    (width * POINT_BYTES).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT)
 }

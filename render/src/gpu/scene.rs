@@ -21,13 +21,15 @@ use wgpu::{
 
 use super::device::{BUFFERS_PER_PART, Gpu, GpuError, OTHER_BUFFERS};
 use super::mirror::{BLOCK_BYTES, Courier, Mirror, Upload, buffer};
+use super::read_back::{POINT_BYTES, target};
 use super::textures::Textures;
 use crate::boxes::{LineEnd, box_lines};
 use crate::colours::from_stored;
 use crate::levels::{BLOCK, LEVELS, Levels, colour};
-use crate::looks::{Look, Looks};
+use crate::looks::{Look, Looks, PLAIN};
 use crate::picture::BACKGROUND;
 use crate::projection::Projection;
+use crate::rasteriser::{AMBIENT, SIDE, SIDE_WIDTH};
 use crate::style::Style;
 
 /// Format of the depths.
@@ -200,7 +202,9 @@ impl Scene {
             ],
         });
 
-        let source = include_str!("shader.wgsl").replace("//PARTS//", &parts_of_shader(parts, vertices.part_shift()));
+        let source = include_str!("shader.wgsl")
+            .replace("//COLOURS//", &colours_of_shader())
+            .replace("//PARTS//", &parts_of_shader(parts, vertices.part_shift()));
         let shader = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some("front"),
             source: wgpu::ShaderSource::Wgsl(source.into()),
@@ -371,7 +375,9 @@ impl Scene {
         self.wedges.update(gpu, courier, wedges, navigator.changed_wedges(GAP));
         self.triangles.update(gpu, courier, triangles, navigator.changed_triangles(GAP));
         self.corners.update(gpu, courier, corners, navigator.changed_triangles(GAP));
-        self.level_mirror.update(gpu, courier, levels, self.levels.changed());
+        if style.levels {
+            self.level_mirror.update(gpu, courier, levels, self.levels.changed());
+        }
         if line_bytes == 0 {
             self.lines = None;
         } else {
@@ -488,21 +494,12 @@ impl Scene {
 }
 
 /// Depths for pictures of so many points.
-fn depths(gpu: &Gpu, [width, height]: [u32; 2]) -> Texture {
-    gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("depths"),
-        size: wgpu::Extent3d { width: width.max(1), height: height.max(1), depth_or_array_layers: 1 },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: DEPTH_FORMAT,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-        view_formats: &[],
-    })
+fn depths(gpu: &Gpu, size: [u32; 2]) -> Texture {
+    target(gpu, "depths", size.map(|side| side.max(1)), DEPTH_FORMAT)
 }
 
 fn depth_bytes([width, height]: [u32; 2]) -> u64 {
-    4 * u64::from(width) * u64::from(height)
+    u64::from(POINT_BYTES) * u64::from(width) * u64::from(height)
 }
 
 /// The bind groups of triangles, with what their corners carry: one for each part.
@@ -552,6 +549,18 @@ fn materials(gpu: &Gpu, looks: &Looks) -> Buffer {
     let materials = buffer(gpu, "materials", bytes.len() as u64, BufferUsages::STORAGE | BufferUsages::COPY_DST);
     gpu.queue.write_buffer(&materials, 0, bytes);
     materials
+}
+
+/// The colours that pictures by the processor have, too.
+fn colours_of_shader() -> String {
+    let colour = |[red, green, blue]: [f64; 3]| format!("vec3<f32>({red:?}, {green:?}, {blue:?})");
+    let (plain, background) = (PLAIN.map(f64::from), BACKGROUND.map(|part| f64::from(part) / 255.0));
+    format!(
+        "const PLAIN = {};\nconst BACKGROUND = {};\nconst EDGE = {};\nconst EDGE_WIDTH = {SIDE_WIDTH:?};\nconst AMBIENT = {AMBIENT:?};\n",
+        colour(plain),
+        colour(background),
+        colour(SIDE)
+    )
 }
 
 /// What the shader says of the parts that vertices and wedges are divided into.

@@ -1,5 +1,6 @@
 // What a front looks like. The vertex shader fetches the corners of triangles, and their vertices, out of the copies of the
-// navigator's streams. In place of the line PARTS stands how to get at the parts that vertices are divided into.
+// navigator's streams. In place of the line COLOURS stand those that pictures by the processor have, too; in place of the line
+// PARTS how to get at the parts that vertices are divided into.
 
 struct View {
     // The eye, relative to the model's origin, as a sum of two: what is near it is at its exact place.
@@ -26,10 +27,7 @@ struct Seen {
     @location(4) @interpolate(flat) layer: u32,
 }
 
-const AMBIENT = 0.12;
-const PLAIN = vec3<f32>(0.76, 0.74, 0.70);
-const EDGE = vec3<f32>(0.02, 0.05, 0.12);
-const EDGE_WIDTH = 0.6;
+//COLOURS//
 
 // Whether the device itself turns parts of light into what is stored.
 override is_turned_by_device: bool = false;
@@ -164,9 +162,8 @@ fn cover_corner(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f3
 
 @fragment
 fn cover() -> @location(0) vec4<f32> {
-    let background = vec3<f32>(30.0, 32.0, 38.0) / 255.0;
     if is_turned_by_device {
-        return vec4<f32>(light_of(background), 1.0);
+        return vec4<f32>(light_of(BACKGROUND), 1.0);
     }
-    return vec4<f32>(background, 1.0);
+    return vec4<f32>(BACKGROUND, 1.0);
 }
